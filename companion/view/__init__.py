@@ -12,15 +12,15 @@ from companion.view.state.places import best_path
 from companion.view.state.sample import Footage, Reckoning
 
 if TYPE_CHECKING:
-    from companion.view.app import LiveViewer, Viewer
     from companion.view.export import replay_page
     from companion.view.ground_map import check_url
+    from companion.view.page import LiveViewer, Viewer
     from companion.view.panels.live_panel import LONGEST_REANCHOR_S
 
 _WITH_VISER = {
     "LONGEST_REANCHOR_S": "panels.live_panel",
-    "LiveViewer": "app",
-    "Viewer": "app",
+    "LiveViewer": "page",
+    "Viewer": "page",
     "check_url": "ground_map",
     "replay_page": "export",
 }

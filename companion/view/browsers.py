@@ -7,18 +7,18 @@ moves everything that hangs on that name, in this browser alone.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view.panels.controls import listen, write
+from companion.view.panels.controls import Controls, write
 from companion.view.scene.cameras import CAMERA_MODES, STILL, Framing, Pose, camera, step_back, world
 from companion.view.scene.scene import WORLD
-from companion.view.state import events
-from companion.view.state.events import CameraMode
+from companion.view.state.choice import CameraMode
 from companion.view.state.sample import Sample
 
 _NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
@@ -40,11 +40,13 @@ class Browsers:
         self,
         server: viser.ViserServer,
         folder: viser.GuiFolderHandle,
-        post: events.Post,
+        controls: Controls,
+        choose: Callable[[int, CameraMode], object],
         *,
         mode: CameraMode = "Free",
     ) -> None:
-        self._server, self._folder, self._post, self._mode = server, folder, post, mode
+        """choose: called where one of them is to look otherwise."""
+        self._server, self._folder, self._controls, self._choose, self._mode = server, folder, controls, choose, mode
         self._open: dict[int, _Browser] = {}
 
     def __len__(self) -> int:
@@ -65,11 +67,11 @@ class Browsers:
         if client is None or number in self._open:
             return
         with self._folder:  # the list is this browser's own, in the folder that all share
-            choose = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
-        listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
+            chooser = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
+        self._controls.on_change(chooser, partial(self._choose, number))
         frame = client.scene.add_frame(WORLD, show_axes=False)
         self._open[number] = _Browser(
-            client, frame, choose, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode
+            client, frame, chooser, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode
         )
         # a page that has found its way to another server may keep the camera of the one before
         _stand(client, self._mode, framing)

@@ -6,11 +6,13 @@ import re
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from companion.view.panels.dead_reckoning import GYRO_UNIT
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
@@ -18,9 +20,7 @@ from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, export
 from companion.view.charts.chart_pages import ChartPages
-from companion.view.panels.reckoning_controls import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
-from companion.view.state import events
 from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 from tests.waiting import LIMIT_S
@@ -47,7 +47,7 @@ def cursor(page: Page) -> float:
 
 def hear_all(page: Page, viewer: Viewer, t: float) -> None:
     """Go to t s and wait until the charts say so: what the page was told before it has heard too."""
-    viewer.post(events.Seek(t))
+    viewer.post(partial(viewer.player.seek, t))
     until(lambda: abs(cursor(page) - t) < 0.2, "the instant in the charts")
 
 
@@ -81,7 +81,7 @@ def where_is(replay: Replay, t: float, page: Page, viewer: Viewer) -> tuple[floa
 
     The picture lies between the panels, whose widths depend on how the window came to its size.
     """
-    (browser,) = viewer._behind.viewport.browsers._open.values()
+    (browser,) = viewer.controller.browsers._open.values()
     view, box = browser.client.camera, page.locator("canvas").first.bounding_box()
     assert box is not None
     along = view.look_at - view.position
@@ -257,14 +257,14 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         until(zoomed, "the chart zoomed to the second quarter")
         before = page.evaluate(zoom)
         assert page.locator(".u-legend .u-value").first.inner_text() != "--"  # the values where the pointer is
-        viewer.post(events.Toggle())
+        viewer.post(viewer.player.toggle)
         until(lambda: len(laid_out) >= 3, "the third layout")
-        viewer.post(events.Toggle())
+        viewer.post(viewer.player.toggle)
         hear_all(page, viewer, BOOT + 2.0)
         assert page.evaluate(zoom) == before
         keep(page, "zoomed")
-        viewer.post(events.Seek(BOOT + 40.0))
-        viewer.post(events.SetPart("from"))  # a part is a zoom that all charts share, and is thinned anew
+        viewer.post(partial(viewer.player.seek, BOOT + 40.0))
+        viewer.post(partial(viewer.player.cut, "from"))  # a part is a zoom that all charts share, and is thinned anew
         until(lambda: page.evaluate(zoom)[0][1] == pytest.approx(BOOT + 40.0), "the charts of the part")
 
 
@@ -272,7 +272,7 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer, new_page(browser) as other:
         pages = [visit(each, viewer) for each in (other, page)]
         choose(pages[0], "Camera", "Chase")
-        viewer.post(events.Seek(BOOT + 20.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 20.0))
         expect(pages[0].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Chase")
         expect(pages[1].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Free")
 
@@ -283,7 +283,7 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
         until(differ, "two pictures")
         pages[0].context.close()
         choose(pages[1], "Camera", "Follow")  # whoever stays is served on
-        viewer.post(events.Seek(BOOT + 30.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 30.0))
         until(lambda: viewer.player.time == BOOT + 30.0, "the instant")
 
 
@@ -297,10 +297,10 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
 
     with Viewer([flight], with_a_gap, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
-        viewer.post(events.Seek(BOOT + 33.0))
-        viewer.post(events.SetArrows(True))
+        viewer.post(partial(viewer.player.seek, BOOT + 33.0))
+        page.get_by_role("checkbox", name="Arrows").click()
         expect(page.get_by_text("autopilot silent here")).to_be_visible()
-        viewer.post(events.Seek(BOOT + 28.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 28.0))
         series = "() => Object.values(window.__viserTestpoints.uplots)[0].chart.series.length"
         until(lambda: page.evaluate(series) == 6, "the lines of what is expected")
         keep(page, "envelope")

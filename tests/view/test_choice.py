@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from companion.analysis import Integration
 from companion.model import DataError, Flight
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer
-from companion.view.state import events
 from companion.view.state.work import Opinion, Outcome, Work
 from tests.view.browser_messages import plain_page
 from tests.view.browsing import until
@@ -93,9 +93,11 @@ def test_a_choice_that_is_still_being_reckoned_is_not_forgotten(flight: Flight) 
         return recompute(flight, choice)
 
     with Viewer([flight], slow, examine, port=0) as viewer:
-        viewer.post(events.Change(lambda choice: replace(choice, how=replace(choice.how, segments=4))))
-        viewer.post(events.Seek(110.0))
-        viewer.post(events.StartHere())
+        viewer.post(
+            partial(viewer.controller.change, lambda choice: replace(choice, how=replace(choice.how, segments=4)))
+        )
+        viewer.post(partial(viewer.player.seek, 110.0))
+        viewer.post(partial(viewer.controller.change, lambda choice: replace(choice, start_s=viewer.player.time)))
         until(lambda: asked[-1].start_s == 110.0, "the start")
         assert asked[-1].how.segments == 4
 
@@ -113,8 +115,8 @@ def test_a_control_changes_nothing_else_that_was_asked_for(flight: Flight) -> No
 
     with Viewer([flight], slow, examine, port=0) as viewer, plain_page(viewer.url) as page:
         page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.told))
-        viewer.post(events.Seek(110.0))
-        viewer.post(events.StartHere())
+        viewer.post(partial(viewer.player.seek, 110.0))
+        viewer.post(partial(viewer.controller.change, lambda choice: replace(choice, start_s=viewer.player.time)))
         until(lambda: asked[-1].start_s == 110.0, "the start")
         page.choose("Segments", 4)
         page.choose("Integrator", "Euler (simplest)")

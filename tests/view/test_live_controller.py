@@ -84,7 +84,7 @@ def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: p
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))
-        controller = LiveController(server, feed, 60.0, lambda _event: None)
+        controller = LiveController(server, feed, 60.0, lambda _call: None)
         controller.turn(100.0, 0.05)
         feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
         controller.turn(100.05, 0.05)

@@ -10,7 +10,6 @@ import numpy as np
 from companion.analysis import replay
 from companion.model import Flight
 from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, with_track
-from companion.view.state import events
 from tests.view.circles import RATE, examine, make_flight
 from tests.waiting import wait_for
 
@@ -31,8 +30,9 @@ def test_a_new_bias_is_on_the_screen() -> None:
         return Reckoning(replay(with_track(flight, track), imu=choice.imu), track)
 
     with Viewer([flight], reckon, examine, port=0) as viewer:
-        viewer.post(events.Seek(viewer.player.first + 9.9))
+        viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         for i in range(1, 4):
             before = viewer.scene.imu.position
-            viewer.post(events.Change(partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))))
+            bias = partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))
+            viewer.post(partial(viewer.controller.change, bias))
             wait_for(lambda before=before: not np.array_equal(viewer.scene.imu.position, before))  # type: ignore[misc]

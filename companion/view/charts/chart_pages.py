@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import viser
-
 from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
@@ -19,8 +17,7 @@ from companion.view.charts.log_charts import (
     drift_styles,
     noise_lines,
 )
-from companion.view.panels.controls import listen
-from companion.view.state import events
+from companion.view.panels.controls import Controls
 from companion.view.state.sample import Footage, Sample
 
 PAGES = (
@@ -42,11 +39,12 @@ _NOTHING = {
 class ChartPages:
     """Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
-        self._page = gui.add_dropdown(
+    def __init__(self, controls: Controls) -> None:
+        gui = controls.gui
+        page = gui.add_dropdown(
             "Charts", PAGES, hint="Drag over a chart to zoom in, double-click to see all of it again"
         )
-        listen(self._page, post, lambda: events.PickCharts(str(self._page.value)))
+        controls.on_change(page, self.pick)
         gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
         self._drift = LogCharts(gui, tuple(DRIFT_QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-import viser
 
 from companion.model import Array
 from companion.present import palette
 from companion.view.charts.chart import DASHED, DOTTED, STYLE, Chart, Drawing, Line
-from companion.view.panels.controls import button_row
-from companion.view.state import events
+from companion.view.panels.controls import Controls
 from companion.view.state.feed import Judgement
 from companion.view.state.history import Curves
 
@@ -20,17 +20,19 @@ SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 class LiveCharts:
     """Errors since the last anchor, or those of the free run. Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi, window_s: float, post: events.Post) -> None:
-        shown = {"Since anchor": events.PickRun(free=False), "Free run": events.PickRun(free=True)}
-        button_row(gui, "Show", shown, post, "Drag over a chart to zoom in, double-click to see all of it again")
-        gui.add_html(STYLE)
-        self._window = window_s
-        self._charts = [Chart(gui, time="s before now") for _ in range(3)]
+    def __init__(self, controls: Controls, window_s: float, picked: Callable[[], object]) -> None:
+        """picked: called when others are to be drawn."""
+        runs = {"Since anchor": lambda: self._pick(free=False), "Free run": lambda: self._pick(free=True)}
+        controls.row("Show", runs, "Drag over a chart to zoom in, double-click to see all of it again")
+        controls.gui.add_html(STYLE)
+        self._window, self._picked = window_s, picked
+        self._charts = [Chart(controls.gui, time="s before now") for _ in range(3)]
         self._free = False
 
-    def pick(self, *, free: bool) -> None:
+    def _pick(self, *, free: bool) -> None:
         """Show the free run, or the errors since the last anchor."""
         self._free = free
+        self._picked()
 
     def show(self, curves: Curves, now: float, judgement: Judgement) -> None:
         """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
-import viser
 
 from companion.model import Flight
 from companion.present import Rgb, palette, vehicle_words
 from companion.view.panels import banner
-from companion.view.panels.adjustments import EXTRA_PATHS
-from companion.view.panels.controls import listen, write
+from companion.view.panels.controls import Controls, write
 from companion.view.panels.verdict_tables import swatch
-from companion.view.state import events
-from companion.view.state.events import ExtraPath
+from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sample import Footage, Sample
 
 
 class Panel:
     """What is read first: who is who, the verdict, the numbers. Built once; `load` fits it to a flight."""
 
-    def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], post: events.Post) -> None:
+    def __init__(self, controls: Controls, flights: Sequence[Flight], pick: Callable[[int], object]) -> None:
+        """pick: called with the place in the list of the flight that is chosen."""
+        gui = controls.gui
         self._flight = flights[0]
         self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
         self._banner = gui.add_html("")
@@ -31,10 +30,10 @@ class Panel:
         self._numbers = gui.add_html("")
         self._status = gui.add_html("")
         self._legend = gui.add_html("")
-        listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
+        controls.on_change(self._pick, lambda name: pick(int(name.split(":")[0]) - 1))
 
     def load(self, flight: Flight, film: Footage) -> None:
-        """Fit it to what is shown now. Values set here come back as no events."""
+        """Fit it to what is shown now. Values set here come back as no change."""
         self._flight = flight
         self.choose_flight(flight)
         if film.insight is not None:

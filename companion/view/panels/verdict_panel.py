@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from html import escape
 
 import viser
@@ -11,7 +11,7 @@ from companion.analysis import Finding
 from companion.model import words
 from companion.present import MOST_LINES, FindingGroup, Rgb, flight_words, palette, ranked
 from companion.view.panels import verdict_tables
-from companion.view.state import events
+from companion.view.panels.controls import Controls
 from companion.view.state.insight import Insight
 from companion.view.state.marks import short
 
@@ -21,10 +21,12 @@ ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE
 class FindingsTab:
     """Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
+    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
+        """jump: called with the finding that is pressed."""
+        gui = controls.gui
         self._status = gui.add_html("")
         self._flights = gui.add_html("", visible=False)
-        self._findings = [_FindingCard(gui, post) for _ in range(MOST_LINES)]
+        self._findings = [_FindingCard(controls, jump) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
 
     def wait(self, text: str) -> None:
@@ -37,7 +39,7 @@ class FindingsTab:
         findings = insight.assessment.verdict.findings if insight else ()
         groups, more = ranked(findings)
         for row, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
-            row.show(group, findings)
+            row.show(group)
         said = [f"and {more} more, on the timeline"] if more else []
         said += [outside] if outside else []
         self._more.visible = bool(said)
@@ -74,21 +76,17 @@ class DriftTab:
 class _FindingCard:
     """A button in the colour of its severity that jumps to where the worst of a group begins, and their evidence."""
 
-    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
-        self._index = 0  # of the worst, in the order of the verdict
-        self._button = gui.add_button("", visible=False)
-        self._evidence = gui.add_html("", visible=False)
+    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
+        self._finding: Finding | None = None
+        self._button = controls.gui.add_button("", visible=False)
+        self._evidence = controls.gui.add_html("", visible=False)
+        controls.on_click(self._button, lambda: self._finding and jump(self._finding))
 
-        @self._button.on_click
-        async def _(_: object) -> None:
-            post(events.JumpToFinding(self._index))
-
-    def show(self, group: FindingGroup | None, findings: Sequence[Finding]) -> None:
+    def show(self, group: FindingGroup | None) -> None:
         self._button.visible = self._evidence.visible = group is not None
         if group is None:
             return
-        finding = group.worst
-        self._index = findings.index(finding)
+        finding = self._finding = group.worst
         self._button.label = short(f"{finding.start_s:.1f} s: {words(finding.kind)}")
         self._button.icon = ICONS.get(finding.severity, ICONS["info"])
         self._button.color = palette.SEVERITIES[finding.severity]

@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.model import Array
 from companion.strapdown import quaternion
-from companion.view.state.events import CameraMode
+from companion.view.state.choice import CameraMode
 from companion.view.state.sample import Footage, Sample
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 import viser
@@ -9,8 +11,8 @@ import viser
 from companion.model import Array, interpolated
 from companion.present import palette
 from companion.view.scene.trail import Segments
+from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.decimation import by_shape, evenly
-from companion.view.state.events import SHOWN, ExtraPath
 from companion.view.state.places import Path
 from companion.view.state.visible import show
 
@@ -43,20 +45,19 @@ class ExtraPaths:
             self._lines["best"].points, self._lines["best"].colors = points, colours
         self._update()
 
-    def show(self, name: ExtraPath, shown: bool) -> None:
-        """Show one of them, or not."""
-        self.shown[name] = shown
+    def choose(self, shown: Mapping[ExtraPath, bool]) -> None:
+        """Show some of them, where they are there."""
+        self.shown = dict(shown)
         self._update()
 
-    def visible(self, name: ExtraPath) -> bool:
-        """Whether it is in the picture."""
-        return self._lines[name].visible
+    @property
+    def visible(self) -> tuple[ExtraPath, ...]:
+        """Those in the picture."""
+        return tuple(name for name, there in self.there.items() if there and self.shown[name])
 
     def _update(self) -> None:
-        for name in SHOWN:
-            line = self._lines[name]
-            visible = self.there[name] and self.shown[name]
-            show(line, visible)
+        for name, line in self._lines.items():
+            show(line, name in self.visible)
 
 
 def dots(positions: Array, size: float) -> Segments:

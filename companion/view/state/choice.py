@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,28 @@ from companion.model import Flight, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct
 from companion.view.state.insight import Insight
 from companion.view.state.sample import Footage, Reckoning
+
+CameraMode = Literal["Free", "Follow", "Chase", "From above", "Map"]
+ExtraPath = Literal["gps", "best"]
+SHOWN: dict[ExtraPath, bool] = {"gps": True, "best": False}
+"""Which of the extra paths are shown at first."""
+EXTRA_PATHS: dict[ExtraPath, tuple[str, str]] = {
+    "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered"),
+    "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate"),
+}
+"""Name and hint."""
+
+
+class TrailSpan(NamedTuple):
+    """How much of the paths is shown."""
+
+    seconds: float | None  # up to the instant shown; None: since the start
+    ahead: bool = False  # the rest of the path too
+
+    def around(self, t: float) -> tuple[float, float]:
+        """From when to when, s, at the instant `t`."""
+        return -np.inf if self.seconds is None else t - self.seconds, np.inf if self.ahead else t
+
 
 NO_BIAS = (0.0, 0.0, 0.0)
 Corrected = Literal["no", "flight", "file"]

@@ -51,16 +51,6 @@ def _event_mark(event: Event) -> Mark:
     return Mark(event.t, event.text, kinds.get(event.kind, "text"))
 
 
-def neighbour(times: Sequence[float], now: float, *, forward: bool, margin: float = 1e-6) -> float | None:
-    """The nearest of `times` after `now` (or before it), s; None when there is none.
-
-    `margin` s: an instant that one already stands at is not its own neighbour.
-    """
-    if forward:
-        return min((t for t in times if t > now + margin), default=None)
-    return max((t for t in times if t < now - margin), default=None)
-
-
 def short(label: str) -> str:
     """A label as it fits in a list: one line, printable, cut where it is too long."""
     line = "".join(c if c.isprintable() else " " for c in label).strip() or "(no words)"

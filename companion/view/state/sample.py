@@ -151,13 +151,6 @@ class Footage:
             return None
         return float(np.hypot(errors.tilt_deg[i], errors.heading_deg[i])), float(errors.position_m[i])
 
-    def sample_from(self, t: float, samples: int) -> float:
-        """The time, s, of the sample that lies `samples` steps after the instant `t` (before it, when negative)."""
-        here = np.searchsorted(self.replay.t, t + SAME_TIME, side="right") - 1  # the last sample that has been
-        if samples < 0 and t - self.replay.t[here] > SAME_TIME:
-            samples += 1  # between two samples, the one just before is a whole step back
-        return float(self.replay.t[int(np.clip(here + samples, 0, len(self.replay.t) - 1))])
-
 
 def footage(reckoning: Reckoning) -> Footage:
     """The replay without the samples that a screen cannot show: non-finite ones and quaternions of no length.

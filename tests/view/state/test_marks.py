@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Flight, StatusText
 from companion.view import Mark
-from companion.view.state.marks import neighbour, short, strip, text_marks
+from companion.view.state.marks import short, strip, text_marks
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -69,16 +68,6 @@ def test_what_the_vehicle_said_is_sorted_and_told_apart(flight: Flight) -> None:
         (103.0, "text"),
         (107.0, "arming"),
     ]
-
-
-@given(st.lists(st.floats(0, 100)), st.floats(0, 100))
-def test_neighbours_lie_on_their_side_with_none_between(times: list[float], now: float) -> None:
-    after, before = neighbour(times, now, forward=True), neighbour(times, now, forward=False)
-    assert after is None or after > now
-    assert before is None or before < now
-    low, high = -1.0 if before is None else before, 101.0 if after is None else after
-    between = [t for t in times if low < t < high]
-    assert all(t == pytest.approx(now, abs=1.1e-6) for t in between)
 
 
 def test_marks_outside_are_left_out_and_an_instant_has_no_strip() -> None:

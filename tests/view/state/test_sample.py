@@ -16,7 +16,7 @@ from companion.view import Reckoning, ReplayChoice
 from companion.view.state.insight import Errors
 from companion.view.state.sample import Footage, Sample, with_insight
 from companion.view.state.sample import footage as film_of
-from tests.view.circles import BOOT, RATE, examine, make_flight, reckon
+from tests.view.circles import BOOT, examine, make_flight, reckon
 
 
 def footage(replay: Replay) -> Footage:
@@ -117,17 +117,6 @@ def test_a_single_sample_is_shown(replay: Replay) -> None:
     columns: dict[str, Any] = {name: value[:1] for name, value in values.items() if isinstance(value, np.ndarray)}
     film = footage(replace(replay, **columns))
     assert film.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])
-
-
-@given(st.integers(0, 2999), st.integers(-5, 5))
-def test_a_frame_is_one_sample(i: int, samples: int) -> None:
-    t = FILM.replay.t
-    wanted = t[min(max(i + samples, 0), len(t) - 1)]
-    assert FILM.sample_from(float(t[i]), samples) == wanted
-    if samples and i + 1 < len(t):  # from between two samples, the next one is the neighbour on either side
-        between = float(t[i] + 0.3 / RATE)
-        beside = i + samples + (samples < 0)
-        assert FILM.sample_from(between, samples) == t[min(max(beside, 0), len(t) - 1)]
 
 
 def test_what_the_autopilot_did_not_say_is_marked(replay: Replay) -> None:
