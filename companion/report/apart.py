@@ -48,9 +48,9 @@ def made_apart(
         noise = str(error)
     if not with_playback or shown is None:
         return Apart(shown, why, expected, noise, None)
-    from companion.view import Reckoning, replay_page  # noqa: PLC0415  (brings viser, which is slow to import)
+    from companion.view import display_trajectory, replay_page  # noqa: PLC0415  (brings viser, which is slow to import)
 
-    return Apart(shown, why, expected, noise, replay_page(Reckoning(shown, comparison.track), flight))
+    return Apart(shown, why, expected, noise, replay_page(display_trajectory(shown, comparison.track), flight))
 
 
 def _replay_of(flight: Flight, comparison: Comparison, settings: Settings) -> tuple[Replay | None, str]:

@@ -19,7 +19,7 @@ from companion.view.panels.controls import Controls, write
 from companion.view.scene.cameras import CAMERA_MODES, STILL, Framing, Pose, camera, step_back, world
 from companion.view.scene.scene import WORLD
 from companion.view.state.choice import CameraMode
-from companion.view.state.sample import Sample
+from companion.view.state.trajectory import Sample
 
 _NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
 

@@ -16,9 +16,9 @@ from companion.view.panels.controls import Controls
 from companion.view.scene.cameras import FIELD_OF_VIEW, Framing, camera, grid_cell, readable_span, screen_up
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.cadence import Cadence
 from companion.view.state.choice import EXTRA_PATHS, SHOWN, CameraMode, TrailSpan
-from companion.view.state.sample import Sample
+from companion.view.state.sending import Cadence
+from companion.view.state.trajectory import Sample
 
 _LAID_OUT = (1.0, 2.5, 5.0)  # s after it is opened: a page is laid out after 1 to 3 s
 _APART = 0.4  # s between a chart's new size and its new data: a slow page must not take them for one change

@@ -20,7 +20,7 @@ from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
-from companion.view.state.sample import Footage, Reckoning, footage
+from companion.view.state.trajectory import DisplayTrajectory
 from companion.view.state.work import begin, leave
 
 FRAMES_HZ = 10.0
@@ -70,14 +70,14 @@ def png(rgb: Pixels) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
 
 
-def replay_page(reckoning: Reckoning, flight: Flight, *, dark: bool = False) -> str:
-    """`page` for who has no view open. Raises DataError when nothing can be shown."""
+def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = False) -> str:
+    """`page` for who has no view open."""
     colours = palette.of_imus(flight.imus)
-    return page(footage(reckoning), drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
+    return page(display, drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
 
 
 def page(
-    film: Footage,
+    display: DisplayTrajectory,
     drone: Drone,
     colours: Mapping[str, Rgb] | None = None,
     home: Array | None = None,
@@ -85,7 +85,7 @@ def page(
     dark: bool = False,
 ) -> str:
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
-    framing = frame(film.replay.position_ref, film.replay.position_imu)
+    framing = frame(display.replay.position_ref, display.replay.position_imu)
     view = camera("Free", framing)
     # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile. Nobody knows
     # its token: no browser is meant to find it.
@@ -96,14 +96,14 @@ def page(
             first.position, first.look_at = view.position, view.look_at
             first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
             scene = Scene(server.scene, drone)
-            scene.load(film, framing, drone, colours or {}, home)
+            scene.load(display, framing, drone, colours or {}, home)
             scene.trails(-np.inf, np.inf)
             scene.seen_from(view.position)
             span = readable_span(framing.distance, drone.span_m, 1.0)
-            duration = film.end - film.start
+            duration = display.end - display.start
             step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
             recording = Recording(server)
-            for i, sample in enumerate(film.samples(np.arange(film.start, film.end + 0.5 * step, step))):
+            for i, sample in enumerate(display.samples(np.arange(display.start, display.end + 0.5 * step, step))):
                 recording.add(scene.moves(sample))
                 if i % ANNOTATED == 0:
                     scene.annotate(sample, span, imu_above=True)
@@ -117,41 +117,33 @@ PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-rep
 
 
 class Saver:
-    """What is asked of it is done one at a time."""
+    """What is asked of it is done one at a time. complain: told why something could not be saved."""
 
-    def __init__(self) -> None:
-        self._turn = threading.Lock()
-        self._running: list[Future[str | None]] = []
+    def __init__(self, complain: Callable[[str], object]) -> None:
+        self._complain, self._turn = complain, threading.Lock()
+        self._running: list[Future[str]] = []
 
-    def picture(self, client: viser.ClientHandle, *, dark: bool) -> None:
-        """Send the browser what it shows, as PNG."""
-        self._submit(client, PICTURE, lambda: picture(client, dark=dark))
+    def save(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
+        """Send the browser what `make` makes, as a file of this name."""
 
-    def page(self, client: viser.ClientHandle, name: str, make: Callable[[], str]) -> None:
-        """Send the browser the page that `make` makes, as a file of this name."""
-        self._submit(client, name, lambda: make().encode())
-
-    def poll(self) -> str | None:
-        """Why something could not be saved, once, in words. An error that is none of the browser's is raised here."""
-        for done in [future for future in self._running if future.done()]:
-            self._running.remove(done)
-            trouble = done.result()
-            if trouble is not None:
-                return trouble
-        return None
-
-    def close(self) -> None:
-        """What is being made has a moment to end."""
-        leave(self._running)
-
-    def _submit(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
-        def work() -> str | None:
+        def work() -> str:
             try:
                 with self._turn:
                     content = make()
                 client.send_file_download(name, content, save_immediately=True)
             except (RuntimeError, TimeoutError, CompanionError) as error:  # the browser has gone, or did not answer
                 return f"{name} could not be saved: {error}"
-            return None
+            return ""
 
         self._running.append(begin("save", work))
+
+    def poll(self) -> None:
+        """Say what has gone wrong. An error that is none of the browser's is raised here."""
+        for done in [future for future in self._running if future.done()]:
+            self._running.remove(done)
+            if why := done.result():
+                self._complain(why)
+
+    def close(self) -> None:
+        """What is being made has a moment to end."""
+        leave(self._running)

@@ -19,6 +19,7 @@ import urllib.request
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -30,7 +31,7 @@ from PIL import Image
 from companion.model import Array, CompanionError, Flight, InputError, SettingsError
 from companion.view.scene.cameras import Framing
 from companion.view.state.places import MapPicture, degrees_of, ground_of, tiles_over
-from companion.view.state.work import LatestOnly
+from companion.view.state.work import Worker
 
 TIMEOUT_S = 20.0
 """For all tiles together."""
@@ -71,49 +72,38 @@ class Ground:
 class MapLayer:
     """The map of a replay: fetched in a thread of its own, of which only the newest order counts.
 
-    said: told whether a map is shown or on its way; complain: told why there is none.
+    lay: given the picture, or None to take it away; report: told whether a map is shown or on its way; complain: told
+    why there is none.
     """
 
-    def __init__(self, url: str | None, said: Callable[[bool], None], complain: Callable[[str], None]) -> None:
-        self._fetcher: LatestOnly[Ground, MapPicture | CompanionError] = LatestOnly(
-            "map", lambda ground: _attempt(ground, url or "")
-        )
-        self._said, self._complain = said, complain
-        self._gone = False
+    def __init__(
+        self,
+        url: str | None,
+        lay: Callable[[MapPicture | None], object],
+        report: Callable[[bool], object],
+        complain: Callable[[str], object],
+    ) -> None:
+        self._url, self._lay, self._report, self._complain = url or "", lay, report, complain
+        self._fetcher = Worker("map")
+        self.poll, self.close = self._fetcher.poll, self._fetcher.close
         self.shown = False
 
     def show(self, shown: bool, flight: Flight, framing: Framing) -> None:
         """Fetch the map of this flight, or take it away."""
-        self._gone = True
-        self._said(shown)
+        self._lay(None)
+        self._report(shown)
         self._fetcher.forget()
         self.shown = shown
         if shown:
-            self._fetcher.request(Ground(flight, framing.low, framing.high))
+            self._fetcher.request(partial(ground_map, Ground(flight, framing.low, framing.high), self._url), self._take)
 
-    def turn(self, lay: Callable[[MapPicture | None], None]) -> None:
-        """Lay what has come, take away what has gone."""
-        if self._gone:
-            self._gone = False
-            lay(None)
-        answer = self._fetcher.poll()
+    def _take(self, answer: MapPicture | CompanionError) -> None:
         if isinstance(answer, MapPicture):
-            lay(answer)
-        elif answer is not None:
-            self.shown = False
-            self._said(False)
-            self._complain(str(answer))
-
-    def close(self) -> None:
-        """What is under way is left alone after a moment."""
-        self._fetcher.close()
-
-
-def _attempt(ground: Ground, url: str) -> MapPicture | CompanionError:
-    try:
-        return ground_map(ground, url)
-    except CompanionError as error:
-        return error
+            self._lay(answer)
+            return
+        self.shown = False
+        self._report(False)
+        self._complain(str(answer))
 
 
 def ground_map(ground: Ground, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S) -> MapPicture:

@@ -13,7 +13,7 @@ import viser
 
 from companion.model import Array, DataError
 from companion.present import vehicle_words
-from companion.view.charts.live_charts import LiveCharts
+from companion.view.charts.chart_pages import LiveCharts
 from companion.view.controller import Controller
 from companion.view.panels.controls import Controls, Post, bounded, dock
 from companion.view.panels.live_panel import LivePanel
@@ -23,7 +23,7 @@ from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.feed import Feed, Seen
 from companion.view.state.history import History, Past, free_errors, present
-from companion.view.state.sample import Footage, Sample
+from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 LOOK_HZ = 12.5
 TURN_HZ = 13.7  # at most: a turn begins when something has arrived, which what is gathered for does 12.5 times a second
@@ -46,7 +46,7 @@ class LiveController(Controller):
         self._newest = 0.0  # s, boot clock, of the pose that was written last
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # who, whether there is a position, all IMUs
-        self._film: Footage | None = None  # the present
+        self._display: DisplayTrajectory | None = None  # the present
         self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         controls = Controls(server.gui, post)
@@ -108,8 +108,8 @@ class LiveController(Controller):
             self._held = None
         else:
             past = self._held[0] if self._held else self._history.past()
-            self._held = (past, min(max(at, past.film.start), 0.0))
-        self._panel.hold(self._held[1] if self._held else None, -self._held[0].film.start if self._held else 0.0)
+            self._held = (past, min(max(at, past.display.start), 0.0))
+        self._panel.hold(self._held[1] if self._held else None, -self._held[0].display.start if self._held else 0.0)
         self.is_due.at_once()
 
     def _hold_or_follow(self) -> None:
@@ -141,26 +141,26 @@ class LiveController(Controller):
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
         try:
-            film = present(seen.replay)
+            display = present(seen.replay)
         except DataError:
             return  # it has diverged beyond what a screen can show: the next anchor mends it
         shown = (str(seen.flight.vehicle), seen.flight.boot)
         if shown != self._shown:
             self._shown = shown
             self._begin(seen)
-        self._introduce(seen, film)
-        self._film = film
-        if film.replay.has_position:
-            low = float(film.replay.position_ref[-1, 2])
+        self._introduce(seen, display)
+        self._display = display
+        if display.replay.has_position:
+            low = float(display.replay.position_ref[-1, 2])
             if low > self.framing.ground + _SUNK_M:
                 self.framing = replace(self.framing, ground=low)
                 self.scene.ground.sink(low)
-        self._live_trails.add(film, seen.free)
+        self._live_trails.add(display, seen.free)
         free = seen.free
         self._free = None
         if free is not None:
-            position = free.state.position if film.replay.has_position else None
-            self._free = (free_errors(free), film.end - free.anchor_s, position)
+            position = free.state.position if display.replay.has_position else None
+            self._free = (free_errors(free), display.end - free.anchor_s, position)
         self._history.add(seen.replay, free)
 
     def _begin(self, seen: Seen) -> None:
@@ -168,23 +168,23 @@ class LiveController(Controller):
         self._held, self._free, self._introduced = None, None, None
         self.drone = drone_for(seen.flight.vehicle.type)
 
-    def _lay_out(self, seen: Seen, film: Footage) -> None:
+    def _lay_out(self, seen: Seen, display: DisplayTrajectory) -> None:
         """The world of this vehicle; anew when its first position comes after its first attitude."""
         self._live_trails.clear()
-        ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
+        ground = np.array([*display.replay.position_ref[-1, :2], max(0.0, float(display.replay.position_ref[-1, 2]))])
         self.place(frame(np.vstack([seen.replay.position_ref, ground])))
-        self.scene.load(film, self.framing, self.drone, whole=False)
+        self.scene.load(display, self.framing, self.drone, whole=False)
         self.scene.imu.visible = self.scene.autopilot.visible = True
         self.reframe()
 
-    def _introduce(self, seen: Seen, film: Footage) -> None:
+    def _introduce(self, seen: Seen, display: DisplayTrajectory) -> None:
         vehicle = seen.flight.vehicle
         who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         now = (who, seen.replay.has_position, tuple(seen.flight.imus))
         if now == self._introduced:
             return
         if self._introduced is None or self._introduced[1] != seen.replay.has_position:
-            self._lay_out(seen, film)
+            self._lay_out(seen, display)
         self._introduced, self.stale = now, True
         self._panel.introduce(
             who, tuple(seen.flight.imus), self._feed.choice.imu, has_position=seen.replay.has_position
@@ -194,9 +194,9 @@ class LiveController(Controller):
     def _sample(self) -> Sample | None:
         """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
         if self._held is None:
-            return self._film.last if self._film else None
+            return self._display.last if self._display else None
         past, at = self._held
-        sample = past.film.at(at)
+        sample = past.display.at(at)
         return replace(sample, t=sample.t + past.end)
 
     def _free_now(self) -> tuple[tuple[float, ...] | None, float, Array | None]:
@@ -204,19 +204,19 @@ class LiveController(Controller):
         if self._held is None:
             return self._free if self._free else (None, 0.0, None)
         past, at = self._held
-        row = int(np.clip(np.searchsorted(past.film.replay.t, at + 1e-6) - 1, 0, len(past.free) - 1))
+        row = int(np.clip(np.searchsorted(past.display.replay.t, at + 1e-6) - 1, 0, len(past.free) - 1))
         values = tuple(past.free[row].tolist())
         if not np.isfinite(values).all():
             return None, 0.0, None
         return values, at + past.end - float(past.free_anchor[row]), past.free_position[row]
 
     def _report(self, sample: Sample | None) -> None:
-        if sample is not None and self._film is not None:
+        if sample is not None and self._display is not None:
             self._live_trails.resize(self.annotate(sample))
             free, age, _ = self._free_now()
             silent = self._held is None and bool(self._feed.link.problem)
-            self._panel.show(sample, free, age, has_position=self._film.replay.has_position, silent=silent)
-        held_s = None if self._held is None or self._film is None or sample is None else self._film.end - sample.t
+            self._panel.show(sample, free, age, has_position=self._display.replay.has_position, silent=silent)
+        held_s = None if self._held is None or self._display is None or sample is None else self._display.end - sample.t
         self._panel.report(self._feed, held_s)
 
     def _chart(self) -> None:

@@ -13,7 +13,7 @@ from typing import Generic, Self, TypeVar
 
 import viser
 
-from companion.model import CompanionError, Flight, InputError
+from companion.model import Flight, InputError
 from companion.view.controller import Controller
 from companion.view.live_controller import TURN_HZ, LiveController
 from companion.view.panels.controls import Call, Post
@@ -23,7 +23,6 @@ from companion.view.server.web_server import close_server, find_address, open_se
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.state.feed import Feed
 from companion.view.state.player import Player
-from companion.view.state.work import attempt
 
 POSE_HZ = 30.0
 _log = logging.getLogger(__name__)
@@ -215,19 +214,16 @@ class Viewer(Page[ReplayController]):
         if not flights:
             raise InputError("There is no flight to show.")
         chosen = flights[flight]
-        choice = choice or ReplayChoice()
-        if choice.imu is None:
-            choice = replace(choice, imu=chosen.default_imu)
-        first = attempt(recompute, chosen, choice)
-        if isinstance(first.result, CompanionError):
-            raise first.result
-        film = first.result
-        also = offer or Offer()
+        wanted = choice or ReplayChoice()
+        first = wanted if wanted.imu else replace(wanted, imu=chosen.default_imu)
+        display = recompute(chosen, first)
         super().__init__(
             host,
             port,
             POSE_HZ,
-            lambda server, post: ReplayController(server, tuple(flights), recompute, examine, also, first, film, post),
+            lambda server, post: ReplayController(
+                server, tuple(flights), recompute, examine, offer or Offer(), chosen, first, display, post
+            ),
             or_next=or_next,
             token=token,
         )

@@ -20,7 +20,7 @@ from companion.present import palette
 from companion.view import export
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.controller import Controller
-from companion.view.export import PAGE, REPORT, Saver
+from companion.view.export import PAGE, PICTURE, REPORT, Saver
 from companion.view.ground_map import MapLayer
 from companion.view.panels.bands import bands, outside
 from companion.view.panels.controls import Controls, Post, dock, write
@@ -35,10 +35,11 @@ from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice,
 from companion.view.state.marks import Mark, text_marks
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
-from companion.view.state.sample import Footage, with_insight
-from companion.view.state.visible import show
-from companion.view.state.work import Opinion, Outcome, Work
+from companion.view.state.sending import update
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, with_result
+from companion.view.state.work import Worker
 
+PATIENCE_S = 1.0  # of work before it is spoken of
 OPENING, UNSEEN = 1.5, 2.0
 """s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
 being built needs the machine for itself."""
@@ -60,15 +61,18 @@ class ReplayController(Controller):
         recompute: Recompute,
         examine: Examine,
         offer: Offer,
-        first: Outcome,
-        film: Footage,
+        flight: Flight,
+        choice: ReplayChoice,
+        display: DisplayTrajectory,
         post: Post,
     ) -> None:
-        self._flights, self._flight, self._choice, self._film = flights, first.flight, first.choice, film
-        self._requested = first.choice  # last: what is shown may still be the one before
-        self._work, self._report = Work(recompute, examine), offer.report
-        self._saver = Saver()
-        self.player = player = Player(film.start, film.end)
+        self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
+        self._requested = choice  # last: what is shown may still be the one before
+        self._recompute, self._analyse, self._report = recompute, examine, offer.report
+        # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
+        self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
+        self._saver = Saver(self._complain)
+        self.player = player = Player(display.start, display.end)
         self._marks: list[Mark] = []
         self._trouble = False
         self._visited = False  # whether an address has asked for an instant or an IMU
@@ -83,18 +87,16 @@ class ReplayController(Controller):
         with side.add_tab("Drift", viser.Icon.TABLE):
             self._drift = DriftTab(gui)
         with more.add_tab("Adjust", viser.Icon.ADJUSTMENTS):
-            self._adjustments = DeadReckoningControls(controls, first.flight, offer, self.change, lambda: player.time)
+            self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
             super().__init__(
                 server,
                 controls,
-                drone_for(first.flight.vehicle.type),
-                frame_of(film),
+                drone_for(flight.vehicle.type),
+                frame_of(display),
                 TRAILS,
                 expects=True,
                 map_host=urlsplit(offer.map_url or "").hostname or "",
-                labels=8.0,
-                charts=4.0,
-                progress=2.0,
+                **{"labels": 8.0, "charts": 4.0, "progress": 2.0},
             )
             playing = gui.add_folder("Playing")
             self._add_save(controls)
@@ -108,7 +110,7 @@ class ReplayController(Controller):
             post(partial(self._pick_place, click.client_id, click.ray_origin, click.ray_direction))
 
         self._load()
-        self._map = MapLayer(offer.map_url, self._choose_map, self._complain)
+        self._map = MapLayer(offer.map_url, self.scene.ground.show_map, self._report_map, self._complain)
         controls.on_change(self.map_box, lambda shown: self._show_map(shown is True))
         if offer.map_shown:
             self._show_map(True)
@@ -116,25 +118,17 @@ class ReplayController(Controller):
 
     def close(self) -> None:
         """End the workers."""
-        self._work.close()
+        for worker in (self._computer, self._examiner):
+            worker.close()
         self._saver.close()
         self._map.close()
 
     def turn(self, now: float, dt: float) -> None:
         """What has been dead-reckoned, the clock, the picture."""
-        done = self._work.poll()
-        if isinstance(done, Outcome):
-            self._take(done)
-        elif isinstance(done, Opinion):
-            self._hear(done)
-        elif self.is_due("progress", now):
-            progress = self._work.progress()
-            if progress or not self._trouble:
-                self._panel.status(progress)
-        why = self._saver.poll()
-        if why is not None:
-            self._complain(why)
-        self._map.turn(self.scene.ground.show_map)
+        for worker in (self._computer, self._examiner, self._saver, self._map):
+            worker.poll()
+        if self.is_due("progress", now) and ((progress := self._progress()) or not self._trouble):
+            self._panel.status(progress)
         if now >= (self.joined_at + OPENING if self.joined_at and self._examine_at < np.inf else self._examine_at):
             self._examine()
         self.player.advance(dt)
@@ -165,14 +159,14 @@ class ReplayController(Controller):
         """Go to the place of a path that was clicked on: a ray in a browser's own world, m."""
         pose = self.browsers.pose(browser)
         if pose is not None:
-            t = picked(self._film, pose.back(np.array(origin)), pose.back_along(np.array(direction)))
+            t = picked(self._display, pose.back(np.array(origin)), pose.back_along(np.array(direction)))
             if t is not None:
                 self.player.go(t)
 
     def _show_map(self, shown: bool) -> None:
         self._map.show(shown, self._flight, self.framing)
 
-    def _choose_map(self, shown: bool) -> None:
+    def _report_map(self, shown: bool) -> None:
         if self.map_box.value != shown:
             write(self.map_box, shown)
 
@@ -190,32 +184,35 @@ class ReplayController(Controller):
         for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
             controls.on_click_of(button, save)
 
-    def _save_picture(self, browser: int) -> None:
+    def _save(self, browser: int, name: str, make: Callable[[viser.ClientHandle], bytes]) -> None:
         if client := self._server.get_clients().get(browser):
-            self._saver.picture(client, dark=self.dark)
+            self._saver.save(client, name, partial(make, client))
+
+    def _save_picture(self, browser: int) -> None:
+        self._save(browser, PICTURE, partial(export.picture, dark=self.dark))
 
     def _save_page(self, browser: int) -> None:
-        film, drone, colours, home, dark = self._film, self.drone, self._colours, self._home, self.dark
-        if client := self._server.get_clients().get(browser):
-            self._saver.page(client, PAGE, lambda: export.page(film, drone, colours, home, dark=dark))
+        make = partial(export.page, self._display, self.drone, self._colours, self._home, dark=self.dark)
+        self._save(browser, PAGE, lambda _: make().encode())
 
     def _save_report(self, browser: int) -> None:
-        if (client := self._server.get_clients().get(browser)) and self._report is not None:
-            self._saver.page(client, REPORT, partial(self._report, self._flight, self._choice, self._film))
+        if (report := self._report) is not None:
+            flight, choice, display = self._flight, self._choice, self._display
+            self._save(browser, REPORT, lambda _: report(flight, choice, display).encode())
 
-    def _take(self, outcome: Outcome) -> None:
-        if isinstance(outcome.result, CompanionError):
-            self._complain(str(outcome.result))
+    def _take(self, flight: Flight, choice: ReplayChoice, computed: DisplayTrajectory | CompanionError) -> None:
+        if isinstance(computed, CompanionError):
+            self._complain(str(computed))
             self._requested = self._choice
             self._panel.choose_flight(self._flight)
-            self._adjustments.load(self._flight, self._requested, self._film.start)
-            if self._film.insight is None:  # the analysis of what is still shown was given up for this
+            self._adjustments.load(self._flight, self._requested, self._display.start)
+            if self._display.result is None:  # the analysis of what is still shown was given up for this
                 self._examine()
             return
         self._trouble = False
-        other_flight = outcome.flight is not self._flight
-        self._flight, self._choice, self._film = outcome.flight, outcome.choice, outcome.result
-        self.player.load(self._film.start, self._film.end, None if other_flight else self.player.time)
+        other_flight = flight is not self._flight
+        self._flight, self._choice, self._display = flight, choice, computed
+        self.player.load(computed.start, computed.end, None if other_flight else self.player.time)
         self._load()
         self._examine()
         if other_flight:
@@ -225,32 +222,38 @@ class ReplayController(Controller):
     def _compute(self, flight: Flight, choice: ReplayChoice) -> None:
         self._examine_at = np.inf  # what is shown now is soon to be replaced
         self._requested = choice
-        self._work.reckon(flight, choice)
+        self._examiner.forget()
+        self._computer.request(partial(self._recompute, flight, choice), partial(self._take, flight, choice))
 
     def _examine(self) -> None:
         self._examine_at = np.inf
-        self._work.examine(Outcome(self._flight, self._choice, self._film))
+        self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
 
-    def _hear(self, opinion: Opinion) -> None:
+    def _take_result(self, result: AnalysisResult | CompanionError) -> None:
         """The analysis has come: findings, tables, what is expected. The picture stays as it is."""
-        if opinion.film is not self._film:
+        if isinstance(result, CompanionError):
+            self._wait(str(result))
             return
-        if isinstance(opinion.result, CompanionError):
-            self._wait(str(opinion.result))
-            return
-        self._film = with_insight(self._film, opinion.result)
+        self._display = with_result(self._display, result)
         self._say()
+
+    def _progress(self) -> str:
+        """What goes on, in words, when it takes long."""
+        if (seconds := self._computer.busy_s) >= PATIENCE_S:
+            return f"Recomputing for {seconds:.0f} s. Changing a setting restarts it."
+        seconds = self._examiner.busy_s
+        return f"The analysis has worked for {seconds:.0f} s." if seconds >= PATIENCE_S else ""
 
     def _complain(self, why: str) -> None:
         self._trouble = True
         self._panel.status(why, trouble=True)
 
     def _load(self) -> None:
-        """Lay out everything that stays the same until the next reckoning."""
+        """Lay out everything that stays the same until the next dead reckoning."""
         self.drone = drone_for(self._flight.vehicle.type)
-        self.place(frame_of(self._film))
+        self.place(frame_of(self._display))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
-        self.scene.load(self._film, self.framing, self.drone, self._colours, self._home)
+        self.scene.load(self._display, self.framing, self.drone, self._colours, self._home)
         self._wait("Analysis in progress.")
         self._say()
 
@@ -259,36 +262,36 @@ class ReplayController(Controller):
         self._panel.wait(why)
 
     def _say(self) -> None:
-        """Lay out what is said of the footage beside the picture."""
-        film, insight = self._film, self._film.insight
+        """Lay out what is said of the display_trajectory beside the picture."""
+        display, result = self._display, self._display.result
         self._marks = text_marks(self._flight)
-        if insight is not None:
-            self._marks = sorted([*self._marks, *insight.marks], key=lambda mark: mark.t)
-        best = insight.assessment.best if insight is not None else None
+        if result is not None:
+            self._marks = sorted([*self._marks, *result.marks], key=lambda mark: mark.t)
+        best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.framing.distance)
         self._part = (self.player.start, self.player.end)
-        self._charts.load(film, self._flight, self._colours, self._part)
-        self._panel.load(self._flight, film)
+        self._charts.load(display, self._flight, self._colours, self._part)
+        self._panel.load(self._flight, display)
         self._legend()
-        self._adjustments.load(self._flight, self._requested, film.start)
-        below = bands(self._flight, film)
+        self._adjustments.load(self._flight, self._requested, display.start)
+        below = bands(self._flight, display)
         self.player.stops = {
-            "anchor": film.replay.anchors,
+            "anchor": display.replay.anchors,
             "event": np.array([mark.t for mark in self._marks]),
-            "sample": film.replay.t,
+            "sample": display.replay.t,
         }
-        self._timeline.load(self._marks, film.replay.anchors.tolist(), below)
-        self._findings.load(insight, outside(below.findings, film.start, film.end))
-        self._drift.load(insight, self._colours)
+        self._timeline.load(self._marks, display.replay.anchors.tolist(), below)
+        self._findings.load(result, outside(below.findings, display.start, display.end))
+        self._drift.load(result, self._colours)
         self.is_due.at_once()
 
     def _legend(self) -> None:
         extra_paths = self.scene.extra_paths
         self._paths = extra_paths.visible
-        self._panel.introduce(self._film, self._colours, self._paths)
+        self._panel.introduce(self._display, self._colours, self._paths)
         for name, there in extra_paths.there.items():
-            show(self.extra_path_boxes[name], there)
+            update(self.extra_path_boxes[name], visible=there)
 
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
@@ -296,13 +299,13 @@ class ReplayController(Controller):
             self._part = part
             self._timeline.choose_part()
             self._charts.choose_part(part)
-        sample = self._film.at(self.player.time)
+        sample = self._display.at(self.player.time)
         self.draw(sample)
         if self.is_due("labels", now):
             self.annotate(sample)
             if self._paths != self.scene.extra_paths.visible:
                 self._legend()
-            self._panel.show(sample, self._film, self.scene.ground.cell)
+            self._panel.show(sample, self._display, self.scene.ground.cell)
             self._timeline.show()
         self.draw_trails(now, sample.t, self.scene.trails)
         self.draw_charts(now, lambda: self._charts.show(sample))

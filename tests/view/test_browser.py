@@ -12,14 +12,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from companion.view.panels.dead_reckoning import GYRO_UNIT
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, export
+from companion.view import (
+    AnalysisResult,
+    DisplayTrajectory,
+    ReplayChoice,
+    Viewer,
+    chosen_track,
+    display_trajectory,
+    export,
+)
 from companion.view.charts.chart_pages import ChartPages
+from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
@@ -140,7 +148,7 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
     asked: list[ReplayChoice] = []
     seen = threading.Event()
 
-    def listen(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def listen(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         asked.append(choice)
         if choice.how.method == "euler" and len(asked) == 2:
             seen.wait(LIMIT_S)  # longer work
@@ -199,11 +207,11 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
     said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
     speaking = replace(flight, texts=said, parameters={evil: 1.0})
 
-    def find(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
-        insight = examine(flight, choice, film)
+    def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
+        result = examine(flight, choice, display)
         found = Finding("frozen", "imu", "error", BOOT + 45.0, BOOT + 46.0, f"seen {evil}", f"do {evil}")
         verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
-        return replace(insight, assessment=replace(insight.assessment, verdict=verdict))
+        return replace(result, assessment=replace(result.assessment, verdict=verdict))
 
     with Viewer([speaking], recompute, find, port=next_port(page)) as viewer:
         visit(page, viewer)
@@ -227,9 +235,9 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         relayout(plots)
         laid_out.append(plots)
 
-    def loaded(plots: ChartPages, film: Footage, *rest: Any) -> None:
-        load(plots, film, *rest)
-        known.append(film.insight is not None)
+    def loaded(plots: ChartPages, display: DisplayTrajectory, *rest: Any) -> None:
+        load(plots, display, *rest)
+        known.append(display.result is not None)
 
     monkeypatch.setattr(ChartPages, "relayout", counted)
     monkeypatch.setattr(ChartPages, "load", loaded)
@@ -290,10 +298,10 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
-    def with_a_gap(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def with_a_gap(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         replay = reckon(flight, choice)
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
-        return Reckoning(replace(replay, reference_valid=known), chosen_track(flight, choice))
+        return display_trajectory(replace(replay, reference_valid=known), chosen_track(flight, choice))
 
     with Viewer([flight], with_a_gap, examine, port=next_port(page)) as viewer:
         visit(page, viewer)

@@ -14,7 +14,6 @@ from companion.present import of_imus
 from companion.view import ReplayChoice
 from companion.view.export import over, page, png
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state.sample import footage
 from tests.view.circles import recompute
 
 
@@ -30,7 +29,7 @@ def test_what_is_see_through_shows_the_page_behind() -> None:
 
 
 def test_the_page_is_one_file_that_asks_nobody(flight: Flight) -> None:
-    html = page(footage(recompute(flight, ReplayChoice())), drone_for("QUADROTOR"), of_imus(flight.imus))
+    html = page(recompute(flight, ReplayChoice()), drone_for("QUADROTOR"), of_imus(flight.imus))
     assert html.lstrip().lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in html
     assert len(html) < 12e6

@@ -18,13 +18,12 @@ from companion.estimation import imu_spectrum
 from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
-from companion.view import Insight, ReplayChoice
+from companion.view import AnalysisResult, ReplayChoice
 from companion.view.charts.flight_charts import rates
 from companion.view.charts.log_charts import drift_lines, noise_lines
 from companion.view.panels import banner, verdict_tables
 from companion.view.scene.ellipsoid import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position
-from companion.view.state.sample import footage
 from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
 
@@ -32,8 +31,8 @@ FLIGHT = make_flight()
 
 
 @functools.cache
-def insight() -> Insight:
-    return examine(FLIGHT, ReplayChoice(), footage(recompute(FLIGHT, ReplayChoice())))
+def result() -> AnalysisResult:
+    return examine(FLIGHT, ReplayChoice(), recompute(FLIGHT, ReplayChoice()))
 
 
 @given(st.integers(0, 10_000))
@@ -98,7 +97,7 @@ def test_rates_and_gaps_are_those_of_the_messages() -> None:
 
 
 def test_the_charts_show_the_drift_table() -> None:
-    found = insight().assessment
+    found = result().assessment
     lines = drift_lines(found, "position_m")
     assert lines is not None
     rows = [(row, e) for row, e in zip(found.drift.rows, found.expected, strict=True) if row.position_m and e]
@@ -125,9 +124,9 @@ def test_a_calibration_is_shown_in_the_units_of_its_rows() -> None:
 def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
-    found = replace(insight().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
+    found = replace(result().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
     found = replace(found, drift=replace(found.drift, imu=evil))
-    sibling = [replace(s, imu=evil) for s in (*insight().redundant_imus, *insight().redundant_imus)]
+    sibling = [replace(s, imu=evil) for s in (*result().redundant_imus, *result().redundant_imus)]
     colours = of_imus([evil])
     markup = banner.banner("imu_suspect", evil) + verdict_tables.drift_table(found.drift, found, colours[evil], 5.0)
     markup += verdict_tables.redundant_imus_table(sibling, colours) + verdict_tables.calibration_table(found)

@@ -164,14 +164,19 @@ def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, m
     framing = frame(flight.position.position)
     said: list[bool] = []
     laid: list[MapPicture | None] = []
-    layer = MapLayer(server.url, said.append, pytest.fail)
-    layer.turn(laid.append)
+    layer = MapLayer(server.url, laid.append, said.append, pytest.fail)
+    layer.poll()
     assert not server.asked
     layer.show(True, flight, framing)
-    wait_for(lambda: turned(layer, laid), "the map has come")
+
+    def come() -> MapPicture | None:
+        layer.poll()
+        return laid[-1]
+
+    wait_for(come, "the map has come")
     assert said == [True]
     layer.show(False, flight, framing)
-    assert turned(layer, laid)[-1] is None
+    assert laid[-1] is None
     layer.close()
 
 
@@ -183,23 +188,17 @@ def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, mo
     server.answer = 404
     said: list[bool] = []
     why: list[str] = []
-    layer = MapLayer(server.url, said.append, why.append)
+    layer = MapLayer(server.url, lambda _: None, said.append, why.append)
     layer.show(True, flight, frame(flight.position.position))
 
     def heard() -> list[str]:
-        layer.turn(lambda _: None)
+        layer.poll()
         return why
 
     wait_for(heard, "it says why")
     assert "refuses (404" in why[0]
     assert (said, layer.shown) == ([True, False], False)
     layer.close()
-
-
-def turned(layer: MapLayer, laid: list[MapPicture | None]) -> list[MapPicture | None]:
-    """What has been laid after one more turn; nothing while no picture has come."""
-    layer.turn(laid.append)
-    return laid if any(laid) else []
 
 
 def test_addresses_of_tiles(monkeypatch: pytest.MonkeyPatch) -> None:

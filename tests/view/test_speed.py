@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis import replay
 from companion.model import Flight
-from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, with_track
+from companion.view import DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory, with_track
 from tests.view.circles import RATE, examine, make_flight
 from tests.waiting import wait_for
 
@@ -25,9 +25,9 @@ def test_a_new_bias_is_on_the_screen() -> None:
     flight = long_flight()
     assert len(flight.imus["RAW_IMU"].t) == SECONDS * HZ
 
-    def reckon(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def reckon(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         track = chosen_track(flight, choice)
-        return Reckoning(replay(with_track(flight, track), imu=choice.imu), track)
+        return display_trajectory(replay(with_track(flight, track), imu=choice.imu), track)
 
     with Viewer([flight], reckon, examine, port=0) as viewer:
         viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))

@@ -71,7 +71,7 @@ class Chart:
     def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
         self._time = time
         self._heading = gui.add_html("", visible=False)
-        self._name, self._legend = f"companion-chart-{next(_charts)}", ""
+        self._legend = ""
         self._drawing: Drawing | None = None
         self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
         self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
@@ -102,7 +102,7 @@ class Chart:
         styles = [line.style for line in drawing.lines]
         if styles != self._styles:
             self._styles = styles
-            self._legend = legend_style(self._name, [line.dash for line in drawing.lines])
+            self._legend = legend_style([line.dash for line in drawing.lines])
             # Series and data have to change together, or the chart has lines without points.
             self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
         scales = _scales(part)
@@ -127,13 +127,8 @@ class Chart:
         self._heading.content = self._legend + heading(self._drawing.title, said)
 
     def relayout(self) -> None:
-        """Make every browser lay the chart out again, by a pixel of height.
-
-        A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
-        then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
-        alone mends it, and keeps the user's zoom.
-        """
-        self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
+        """See `relayout`."""
+        relayout(self.handle, HEIGHT)
 
     def _series(self) -> tuple[uplot.Series, ...]:
         return (
@@ -144,6 +139,16 @@ class Chart:
             ),
             series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
         )
+
+
+def relayout(handle: viser.GuiUplotHandle, height: int) -> None:
+    """Make every browser lay a chart out again, by a pixel of its height.
+
+    A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize, then
+    setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes alone mends
+    it, and keeps the user's zoom.
+    """
+    handle.height = height + 1 if handle.height == height else height
 
 
 def series(
@@ -167,8 +172,9 @@ def series(
     return line
 
 
-def legend_style(name: str, dashes: Sequence[Dash | None]) -> str:
-    """A mark called `name`, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+def legend_style(dashes: Sequence[Dash | None]) -> str:
+    """A mark, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+    name = f"companion-chart-{next(_charts)}"
     rules = "".join(  # uPlot can give all markers one border: the rows are told apart by their number, the first is x
         f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
         for i, dash in enumerate(dashes, start=2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,12 +12,10 @@ from companion.analysis import Assessment, AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array
 from companion.present import AXES, Rgb, palette
-from companion.view.charts.chart import DASHED, DOTTED, Dash, heading, legend_style, series
+from companion.view.charts.chart import DASHED, DOTTED, Dash, heading, legend_style, relayout, series
 
 HEIGHT = 190  # pixels
 LEAST = 1e-12  # of any unit: what a logarithm can show
-
-_charts = itertools.count()
 
 LineStyle = tuple[str, Rgb, float, Dash | None]
 """Name, colour, width in pixels, dash."""
@@ -34,7 +31,7 @@ class LogCharts:
         self._x, self._points, self._shown = x, points, False
         self._headings, self._charts = [], []
         for title in titles:
-            legend = legend_style(f"companion-log-chart-{next(_charts)}", [dash for *_, dash in styles])
+            legend = legend_style([dash for *_, dash in styles])
             self._headings.append(gui.add_html(legend + heading(title, ""), visible=False))
             nothing = tuple(np.array([1.0, 10.0]) for _ in range(len(styles) + 2))
             self._charts.append(
@@ -70,7 +67,7 @@ class LogCharts:
     def relayout(self) -> None:
         """See Chart.relayout."""
         for chart in self._charts:
-            chart.height = HEIGHT + 1 if chart.height == HEIGHT else HEIGHT
+            relayout(chart, HEIGHT)
 
     def _series(self, styles: Sequence[LineStyle]) -> tuple[uplot.Series, ...]:
         hidden = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry

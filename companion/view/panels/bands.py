@@ -11,7 +11,7 @@ import numpy as np
 
 from companion.model import Array, Flight, words
 from companion.present import palette
-from companion.view.state.sample import Footage
+from companion.view.state.trajectory import DisplayTrajectory
 
 HEIGHT = 34  # pixels
 PROFILE_POINTS = 200  # of the altitude
@@ -38,20 +38,20 @@ class Bands:
     height: tuple[Array, Array] | None = None  # (N,) s, boot clock, and (N,) m above the lowest
 
 
-def bands(flight: Flight, film: Footage) -> Bands:
+def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
     """Those of a flight: modes and arming as the vehicle announced them, findings once the analysis has come."""
-    modes = _until_next([(e.t, e.text) for e in flight.events if e.kind == "mode"], film.end)
+    modes = _until_next([(e.t, e.text) for e in flight.events if e.kind == "mode"], display.end)
     switched = [(e.t, e.kind) for e in flight.events if e.kind in ("armed", "disarmed")]
-    armed = [span for span in _until_next(switched, film.end) if span.label == "armed"]
+    armed = [span for span in _until_next(switched, display.end) if span.label == "armed"]
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
-        armed.insert(0, Span(film.start, switched[0][0], "armed"))
-    findings = film.insight.assessment.verdict.findings if film.insight else ()
+        armed.insert(0, Span(display.start, switched[0][0], "armed"))
+    findings = display.result.assessment.verdict.findings if display.result else ()
     said = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
     height = None
-    if film.replay.has_position:
-        some = np.unique(np.linspace(0, len(film.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
-        down = film.replay.position_ref[some, 2]
-        height = (film.replay.t[some], down.max() - down)
+    if display.replay.has_position:
+        some = np.unique(np.linspace(0, len(display.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
+        down = display.replay.position_ref[some, 2]
+        height = (display.replay.t[some], down.max() - down)
     return Bands(tuple(modes), tuple(armed), said, height)
 
 

@@ -12,7 +12,7 @@ from companion.view.panels.controls import Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
-from companion.view.state.sample import Sample
+from companion.view.state.trajectory import Sample
 
 BEST = "Automatic"
 LONGEST_REANCHOR_S = 20.0

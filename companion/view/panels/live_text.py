@@ -11,7 +11,7 @@ from companion.present import Rgb, palette
 from companion.view.panels import banner
 from companion.view.panels.verdict_tables import swatch
 from companion.view.state.feed import Judgement, LinkState
-from companion.view.state.sample import Sample
+from companion.view.state.trajectory import Sample
 
 _STATUS = {
     "consistent": "Consistent",

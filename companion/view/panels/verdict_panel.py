@@ -12,8 +12,8 @@ from companion.model import words
 from companion.present import MOST_LINES, FindingGroup, Rgb, flight_words, palette, ranked
 from companion.view.panels import verdict_tables
 from companion.view.panels.controls import Controls
-from companion.view.state.insight import Insight
 from companion.view.state.marks import short
+from companion.view.state.trajectory import AnalysisResult
 
 ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE, "info": viser.Icon.INFO_CIRCLE}
 
@@ -34,9 +34,9 @@ class FindingsTab:
         self._status.visible = True
         self._status.content = f'<div style="padding:0.5em 1em;font-size:0.85em">{escape(text)}</div>'
 
-    def load(self, insight: Insight | None, outside: str) -> None:
+    def load(self, result: AnalysisResult | None, outside: str) -> None:
         """Show what the analysis says; None: nothing yet. outside: which findings the replay does not reach."""
-        findings = insight.assessment.verdict.findings if insight else ()
+        findings = result.assessment.verdict.findings if result else ()
         groups, more = ranked(findings)
         for row, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
             row.show(group)
@@ -44,11 +44,11 @@ class FindingsTab:
         said += [outside] if outside else []
         self._more.visible = bool(said)
         self._more.content = f'<div style="padding:0 1em;font-size:0.8em">{"<br>".join(map(escape, said))}</div>'
-        flights = insight.assessment.verdict.flights if insight else ()
+        flights = result.assessment.verdict.flights if result else ()
         lines = [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)]
         self._flights.visible = bool(lines)
         self._flights.content = f'<div style="padding:0 1em;font-size:0.8em">{"<br>".join(map(escape, lines))}</div>'
-        if insight is not None:
+        if result is not None:
             self._status.visible = not findings
             self._status.content = '<div style="padding:0.5em 1em;font-size:0.85em">Nothing stands out.</div>'
 
@@ -59,16 +59,16 @@ class DriftTab:
     def __init__(self, gui: viser.GuiApi) -> None:
         self._tables = gui.add_html("")
 
-    def load(self, insight: Insight | None, colours: Mapping[str, Rgb]) -> None:
+    def load(self, result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> None:
         """Show what the analysis says; None: nothing yet."""
-        if insight is None:
+        if result is None:
             self._tables.content = '<div style="padding:0.5em 1em;font-size:0.85em">Analysis in progress.</div>'
             return
-        assessment = insight.assessment
+        assessment = result.assessment
         colour = colours[assessment.drift.imu]
         self._tables.content = (
-            verdict_tables.drift_table(assessment.drift, assessment, colour, insight.horizon_s)
-            + verdict_tables.redundant_imus_table(insight.redundant_imus, colours)
+            verdict_tables.drift_table(assessment.drift, assessment, colour, result.horizon_s)
+            + verdict_tables.redundant_imus_table(result.redundant_imus, colours)
             + verdict_tables.calibration_table(assessment)
         )
 

@@ -7,8 +7,8 @@ import viser
 
 from companion.model import STANDARD_GRAVITY, Array
 from companion.present import Rgb, palette
-from companion.view.state.sample import Sample
-from companion.view.state.visible import show
+from companion.view.state.sending import update
+from companion.view.state.trajectory import Sample
 
 LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
 SHORTEST = 0.7  # spans: shorter ones would be hidden in the drone
@@ -60,7 +60,7 @@ class Arrows:
             if visible:
                 tip = origin + vector / _norm(vector) * length * self._span
                 handle.points = np.stack([origin, tip])[None].astype(np.float32)
-            show(handle, visible)
+            update(handle, visible=visible)
 
 
 def _linear(colour: Rgb) -> Rgb:

@@ -14,7 +14,7 @@ import numpy as np
 from companion.model import Array
 from companion.strapdown import quaternion
 from companion.view.state.choice import CameraMode
-from companion.view.state.sample import Footage, Sample
+from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
@@ -95,10 +95,10 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
     return Framing(low, high, radius, ground, nice(radius / 4), distance)
 
 
-def frame_of(film: Footage) -> Framing:
+def frame_of(display: DisplayTrajectory) -> Framing:
     """The room of a reckoning; without a position both drones hang in the air above the origin."""
-    framing = frame(film.replay.position_ref, film.replay.position_imu)
-    return framing if film.replay.has_position else replace(framing, ground=0.5 * framing.radius)
+    framing = frame(display.replay.position_ref, display.replay.position_imu)
+    return framing if display.replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
 
 def nice(length: float) -> float:

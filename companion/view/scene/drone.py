@@ -13,7 +13,7 @@ import viser
 from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.visible import show
+from companion.view.state.sending import update
 
 
 class Move(NamedTuple):
@@ -96,7 +96,7 @@ class Body:
 
     @name_visible.setter
     def name_visible(self, visible: bool) -> None:
-        show(self._name, visible)
+        update(self._name, visible=visible)
 
     @property
     def visible(self) -> bool:
@@ -105,7 +105,7 @@ class Body:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        show(self._place, visible)
+        update(self._place, visible=visible)
 
     def moves(self, wxyz: Array, position: Array) -> list[Move]:
         """What changes when it has the attitude (4,) and the place (3,)."""
@@ -145,7 +145,7 @@ class AttachedLine:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        show(self._line, visible)
+        update(self._line, visible=visible)
 
     @property
     def length(self) -> float:

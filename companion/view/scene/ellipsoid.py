@@ -8,7 +8,7 @@ import viser
 from companion.model import Array
 from companion.present import Rgb
 from companion.strapdown import quaternion
-from companion.view.state.visible import show
+from companion.view.state.sending import update
 
 SIGMAS = 3.0
 MOST_M = 1e5
@@ -50,7 +50,7 @@ class Ellipsoid:
     def shape(self, covariance: Array, position: Array) -> None:
         """Take the form of `covariance` (3, 3), m²: zero hides it."""
         if not self.shown:
-            show(self._handle, False)
+            update(self._handle, visible=False)
             return
         axes, turn = semi_axes(covariance)
         axes = np.clip(SIGMAS * axes, 0.0, MOST_M)

@@ -14,7 +14,7 @@ from companion.view.scene.trail import Segments
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.decimation import by_shape, evenly
 from companion.view.state.places import Path
-from companion.view.state.visible import show
+from companion.view.state.sending import update
 
 MOST_POINTS = 600
 DASHES = 240
@@ -57,7 +57,7 @@ class ExtraPaths:
 
     def _update(self) -> None:
         for name, line in self._lines.items():
-            show(line, name in self.visible)
+            update(line, visible=name in self.visible)
 
 
 def dots(positions: Array, size: float) -> Segments:

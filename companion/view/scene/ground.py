@@ -10,7 +10,7 @@ import viser
 from companion.model import Array
 from companion.view.scene.cameras import Framing
 from companion.view.state.places import MapPicture
-from companion.view.state.visible import show
+from companion.view.state.sending import update
 
 GREY = (90, 90, 90)
 _EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
@@ -61,7 +61,7 @@ class Ground:
         """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
         for cross in self._crosses:
             cross.give_way(drones, span)
-        show(self._north_name, _free(self._north_name.position, drones, span))
+        update(self._north_name, visible=_free(self._north_name.position, drones, span))
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
@@ -120,7 +120,7 @@ class _Cross:
     def give_way(self, drones: Sequence[Array], span: float) -> None:
         if self._place is None:
             return
-        show(self._label, _free(self._place, drones, span))
+        update(self._label, visible=_free(self._place, drones, span))
 
 
 def _free(place: Array, drones: Sequence[Array], span: float) -> bool:

@@ -10,8 +10,8 @@ from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.scene import AUTOPILOT, IMU, WORLD
 from companion.view.scene.trail import CHUNK
-from companion.view.state.sample import Footage
-from companion.view.state.visible import show
+from companion.view.state.sending import update
+from companion.view.state.trajectory import DisplayTrajectory
 
 CHUNKS = 40
 """Lines a trail: a segment is a quarter of a second in 10 minutes, and only what is chosen is shown."""
@@ -88,7 +88,7 @@ class LiveTrail:
             begin = end if self._before is None else self._before
             last = self._last[1]
             tip.points = np.array([[begin - end, last - end], [last - end, np.zeros(3)]], dtype=np.float32)
-        show(tip, fresh)
+        update(tip, visible=fresh)
 
     def _extend(self, t: float, position: Array) -> None:
         if self._last is None or t <= self._last[0]:
@@ -129,13 +129,13 @@ class LiveTrails:
             trail.clear()
         self._anchor, self._was_free = np.nan, False
 
-    def add(self, film: Footage, free: FreeState | None) -> None:
-        """Go on to the last sample of the film."""
-        t, anchor = film.end, float(film.replay.anchors[-1])
-        if not film.replay.has_position:
+    def add(self, display: DisplayTrajectory, free: FreeState | None) -> None:
+        """Go on to the last sample of the display."""
+        t, anchor = display.end, float(display.replay.anchors[-1])
+        if not display.replay.has_position:
             return
-        self._autopilot.add(t, film.replay.position_ref[-1])
-        self._imu.add(t, film.replay.position_imu[-1], broken=anchor != self._anchor)
+        self._autopilot.add(t, display.replay.position_ref[-1])
+        self._imu.add(t, display.replay.position_imu[-1], broken=anchor != self._anchor)
         self._anchor = anchor
         if free is not None:
             begun = not self._was_free or t - free.anchor_s < _JUST_BEGUN_S
@@ -152,7 +152,7 @@ class LiveTrails:
         for trail in self._all:
             trail.reach(now)
         near = ball is not None and bool(np.abs(ball).max() < _FARTHEST_M)
-        show(self._ball, near)
+        update(self._ball, visible=near)
         if near and ball is not None:
             self._ball.position = ball
 

@@ -11,8 +11,7 @@ from companion.model import Array
 from companion.present import Rgb, length, palette
 from companion.view.scene.trail import OUTLINE, Segments, segments
 from companion.view.state.decimation import Indices, by_shape
-from companion.view.state.insight import Worst, worst_stretch
-from companion.view.state.sample import Footage
+from companion.view.state.trajectory import DisplayTrajectory, Worst, worst_stretch
 
 MOST_POINTS = OUTLINE
 """Of each path: they never move, but software WebGL draws each of their lines in every picture."""
@@ -45,13 +44,13 @@ class Overview:
         """What is written at the worst stretch; "" while nothing is."""
         return self._label.text if self._label.visible else ""
 
-    def load(self, film: Footage, colour: Rgb, outlines: Mapping[str, Indices]) -> None:
+    def load(self, display: DisplayTrajectory, colour: Rgb, outlines: Mapping[str, Indices]) -> None:
         """Lay out another replay. colour: of its IMU; outlines: of "imu" and "autopilot", `by_shape`."""
-        replay = film.replay
+        replay = display.replay
         worst = worst_stretch(replay)
         places: dict[str, tuple[Array, Indices, Rgb]] = {
-            "imu": (replay.position_imu, film.restarts, colour),
-            "autopilot": (replay.position_ref, film.restarts[:0], palette.AUTOPILOT),
+            "imu": (replay.position_imu, display.restarts, colour),
+            "autopilot": (replay.position_ref, display.restarts[:0], palette.AUTOPILOT),
         }
         for name, (positions, breaks, shade) in places.items():
             _draw(

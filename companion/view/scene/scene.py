@@ -19,8 +19,8 @@ from companion.view.scene.overview import Overview
 from companion.view.scene.trail import OUTLINE, Trail
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.decimation import by_shape
-from companion.view.state.sample import Footage, Sample
-from companion.view.state.visible import show
+from companion.view.state.sending import update
+from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name
 WORLD = "/world"
@@ -59,7 +59,7 @@ class Scene:
         }
         self._scene, self._label = scene, "IMU"
         self._others: list[tuple[Body, Trail]] = []
-        self._films: list[Footage] = []
+        self._films: list[DisplayTrajectory] = []
         # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
         self._error = AttachedLine(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
         self._error_name = scene.add_label(
@@ -75,7 +75,7 @@ class Scene:
 
     def load(
         self,
-        film: Footage,
+        display: DisplayTrajectory,
         framing: Framing,
         drone: Drone,
         colours: Mapping[str, Rgb] | None = None,
@@ -85,9 +85,9 @@ class Scene:
     ) -> None:
         """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known.
 
-        whole: whether `film` is all that is flown, so that it can be drawn at once.
+        whole: whether `display` is all that is flown, so that it can be drawn at once.
         """
-        replay, source = film.replay, film.source
+        replay, source = display.replay, display.source
         colours = colours or {}
         colour = colours.get(source, palette.IMU)
         self._label = source
@@ -103,15 +103,15 @@ class Scene:
             "autopilot": by_shape(replay.position_ref, OUTLINE),
         }
         autopilot, imu = self._trails["autopilot"], self._trails["imu"]
-        autopilot.load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
-        imu.load(replay.t, replay.position_imu, film.restarts, colour, outlines["imu"])
+        autopilot.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
+        imu.load(replay.t, replay.position_imu, display.restarts, colour, outlines["imu"])
         if whole:
-            self.overview.load(film, colour, outlines)
+            self.overview.load(display, colour, outlines)
         for line in (self._error, *self._sticks):
             line.visible = known
         self._error_name.visible = False
         self.imu.name = f"{source} alone"
-        self._load_others(film, drone, colours)
+        self._load_others(display, drone, colours)
 
     def seen_from(self, eye: Array) -> None:
         """The camera is at (3,) NED, m: see `NEARER`."""
@@ -119,17 +119,17 @@ class Scene:
         if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
             self._nearer.position = place
 
-    def _load_others(self, film: Footage, drone: Drone, colours: Mapping[str, Rgb]) -> None:
+    def _load_others(self, display: DisplayTrajectory, drone: Drone, colours: Mapping[str, Rgb]) -> None:
         """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""
-        for i in range(len(self._others), len(film.others)):
+        for i in range(len(self._others), len(display.others)):
             root = f"{WORLD}/other{i}"
             body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
             self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
-        self._films = list(film.others.values())
+        self._films = list(display.others.values())
         for i, (body, trail) in enumerate(self._others):
-            body.visible = i < len(film.others)
+            body.visible = i < len(display.others)
             trail.hide()
-        for (body, trail), (name, other) in zip(self._others, film.others.items(), strict=False):
+        for (body, trail), (name, other) in zip(self._others, display.others.items(), strict=False):
             body.reshape(drone, colours[name])
             body.name = name
             trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
@@ -149,8 +149,8 @@ class Scene:
             moves += self._error.moves((sample.position_imu - sample.position_ref).tolist())
             for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
                 moves += stick.moves((0.0, 0.0, self.ground.level - float(place[2])))
-        for (body, _), film in zip(self._others, self._films, strict=False):
-            other = film.at(sample.t)
+        for (body, _), display in zip(self._others, self._films, strict=False):
+            other = display.at(sample.t)
             moves += body.moves(other.q_imu, other.position_imu)
         return moves
 
@@ -173,7 +173,7 @@ class Scene:
         roomy = sample.position_m > 1.5 * span
         self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
         self.autopilot.name_visible = roomy
-        show(self._error_name, roomy)
+        update(self._error_name, visible=roomy)
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (sample.position_imu - sample.position_ref) / 2

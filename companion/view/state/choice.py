@@ -11,8 +11,7 @@ import numpy as np
 from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, gravity_for
 from companion.model import Flight, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct
-from companion.view.state.insight import Insight
-from companion.view.state.sample import Footage, Reckoning
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory
 
 CameraMode = Literal["Free", "Follow", "Chase", "From above", "Map"]
 ExtraPath = Literal["gps", "best"]
@@ -65,13 +64,13 @@ class ReplayChoice:
         return self.correction != "no" or self.gyro_bias != NO_BIAS or self.accel_bias != NO_BIAS
 
 
-Recompute = Callable[[Flight, ReplayChoice], Reckoning]
+Recompute = Callable[[Flight, ReplayChoice], DisplayTrajectory]
 """Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
-Examine = Callable[[Flight, ReplayChoice, Footage], Insight]
+Examine = Callable[[Flight, ReplayChoice, DisplayTrajectory], AnalysisResult]
 """What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
 
 
-Report = Callable[[Flight, ReplayChoice, Footage], str]
+Report = Callable[[Flight, ReplayChoice, DisplayTrajectory], str]
 """The report of what is shown, as one HTML file. Raises CompanionError likewise."""
 
 

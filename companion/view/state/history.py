@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from companion.analysis import FreeState, Replay
 from companion.model import Array
-from companion.view.state.insight import MOST
-from companion.view.state.sample import Footage, Reckoning, footage
+from companion.view.state.trajectory import MOST, DisplayTrajectory, Errors, display_trajectory
 
 _REPLAYED = {
     "q_imu": 4, "velocity_imu": 3, "position_imu": 3, "q_ref": 4, "velocity_ref": 3, "position_ref": 3,
@@ -28,13 +27,12 @@ _GAP_S = 1.0  # between two rows: the link was silent
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """The errors of what was shown, for charts: tilt and heading °, velocity m/s and position m."""
+    """The errors of what was shown, for charts."""
 
-    t: Array  # (N,) s before the last row, which is 0
-    errors: Array  # (N, 4) since the last anchor
-    free: Array  # (N, 4) of the free run; NaN where there is none
+    errors: Errors  # since the last anchor, at (N,) s before the last row, which is 0
+    free: Errors  # of the free run; NaN where there is none
     age: Array  # (N,) s since the last anchor
-    known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to hold them against
+    known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to compare with
     has_position: bool
 
 
@@ -42,9 +40,9 @@ class Curves:
 class Past:
     """A stretch of what was shown. Times are seconds before its end: 0 is the last row."""
 
-    film: Footage
+    display: DisplayTrajectory
     curves: Curves
-    free: Array  # (N, 4) the free run's errors at the film's samples, as in the curves
+    free: Array  # (N, 4) the free run's errors at the samples: tilt and heading °, velocity m/s, position m
     free_position: Array  # (N, 3) NED, m
     free_anchor: Array  # (N,) s, boot clock
     end: float  # s, boot clock, of the last row
@@ -65,12 +63,6 @@ class History:
     def clear(self) -> None:
         """Forget everything."""
         self._count = 0
-
-    @property
-    def duration(self) -> float:
-        """s"""
-        t = self._ordered(1)[:, 0]
-        return float(t[-1] - t[0]) if len(t) else 0.0
 
     def add(self, replay: Replay, free: FreeState | None) -> bool:
         """Keep what the replay ends with; whether that is worth a row."""
@@ -104,7 +96,8 @@ class History:
         known[gap] = known[gap + 1] = False
         age = rows[:, 0] - rows[:, _SLICES["anchor"]][:, 0]
         shown = np.where(known[:, None], errors, 0.0)
-        return Curves(t, shown, rows[:, _SLICES["free"]], age, known, self._has_position)
+        free = Errors(t, *rows[:, _SLICES["free"]].T)
+        return Curves(Errors(t, *shown.T), free, age, known, self._has_position)
 
     def positions(self) -> tuple[Array, Array] | None:
         """The autopilot's and the IMU's (N, 3) NED, m, of everything that is kept; None where there is no position."""
@@ -122,21 +115,19 @@ class History:
         valid = column["valid"][:, 0] > 0
         gap = np.flatnonzero(np.diff(t) > _GAP_S)
         valid[gap] = valid[gap + 1] = False
-        film = footage(
-            Reckoning(
-                Replay(
-                    t=t,
-                    **{name: column[name] for name in _REPLAYED},
-                    anchors=np.unique(column["anchor"]) - end,
-                    has_position=self._has_position,
-                    reference_valid=valid,
-                    from_rest=False,
-                )
+        display = display_trajectory(
+            Replay(
+                t=t,
+                **{name: column[name] for name in _REPLAYED},
+                anchors=np.unique(column["anchor"]) - end,
+                has_position=self._has_position,
+                reference_valid=valid,
+                from_rest=False,
             )
         )
-        kept = np.isin(t, film.replay.t)
+        kept = np.isin(t, display.replay.t)
         errors, position, anchor = (column[name][kept] for name in ("free", "free_position", "free_anchor"))
-        return Past(film, self.curves(), errors, position, anchor[:, 0], end)
+        return Past(display, self.curves(), errors, position, anchor[:, 0], end)
 
     def _ordered(self, width: int) -> Array:
         """The first columns of the rows kept, oldest first: a copy."""
@@ -147,19 +138,11 @@ class History:
         return np.concatenate([rows[first:], rows[:first]])
 
 
-def present(replay: Replay) -> Footage:
+def present(replay: Replay) -> DisplayTrajectory:
     """The end of a replay, ready for the eye. Raises DataError when nothing of it is finite."""
     last = slice(-2, None)
-    return footage(
-        Reckoning(
-            replace(
-                replay,
-                t=replay.t[last],
-                reference_valid=replay.reference_valid[last],
-                **{name: getattr(replay, name)[last] for name in _REPLAYED},
-            )
-        )
-    )
+    columns = {name: getattr(replay, name)[last] for name in ("t", "reference_valid", *_REPLAYED)}
+    return display_trajectory(replace(replay, **columns))
 
 
 def free_errors(free: FreeState) -> tuple[float, float, float, float]:

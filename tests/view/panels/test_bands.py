@@ -10,14 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Event, Flight
-from companion.view import Reckoning, ReplayChoice
+from companion.view import DisplayTrajectory, ReplayChoice, display_trajectory
 from companion.view.panels.bands import Bands, Span, bands, markup, outside
-from companion.view.state.sample import Footage, footage
 from tests.view.circles import BOOT, make_flight, reckon
 
 
-def film_of(flight: Flight) -> Footage:
-    return footage(Reckoning(reckon(flight, ReplayChoice())))
+def display_of(flight: Flight) -> DisplayTrajectory:
+    return display_trajectory(reckon(flight, ReplayChoice()))
 
 
 def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
@@ -28,11 +27,11 @@ def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
         Event(BOOT + 40.0, "disarmed", "disarmed"),
     )
     flight = replace(make_flight(), events=said)
-    film = film_of(flight)
-    found = bands(flight, film)
+    display = display_of(flight)
+    found = bands(flight, display)
     assert [(s.start_s, s.end_s, s.label) for s in found.modes] == [
         (BOOT + 5.0, BOOT + 20.0, "GUIDED"),
-        (BOOT + 20.0, film.end, "LAND"),
+        (BOOT + 20.0, display.end, "LAND"),
     ]
     assert [(s.start_s, s.end_s) for s in found.armed] == [(BOOT + 10.0, BOOT + 40.0)]
     assert found.height is not None
@@ -41,8 +40,8 @@ def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
 
 def test_what_was_armed_before_the_log_began_is_armed_from_its_start() -> None:
     flight = replace(make_flight(), events=(Event(BOOT + 30.0, "disarmed", "disarmed"),))
-    film = film_of(flight)
-    assert [(s.start_s, s.end_s) for s in bands(flight, film).armed] == [(film.start, BOOT + 30.0)]
+    display = display_of(flight)
+    assert [(s.start_s, s.end_s) for s in bands(flight, display).armed] == [(display.start, BOOT + 30.0)]
 
 
 @given(st.lists(st.tuples(st.floats(-50, 150), st.floats(0, 80)), max_size=20))
@@ -77,12 +76,12 @@ def test_names_are_text() -> None:
 
 def test_the_hill_is_highest_where_the_vehicle_was() -> None:
     flight = make_flight()
-    film = film_of(flight)
-    height = bands(flight, film).height
+    display = display_of(flight)
+    height = bands(flight, display).height
     assert height is not None
-    up = -film.replay.position_ref[:, 2]
-    assert height[0][height[1].argmax()] == pytest.approx(film.replay.t[up.argmax()], abs=1.0)
+    up = -display.replay.position_ref[:, 2]
+    assert height[0][height[1].argmax()] == pytest.approx(display.replay.t[up.argmax()], abs=1.0)
     assert height[1].max() == pytest.approx(up.max() - up.min(), abs=0.05)
-    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), film.start, film.end))[1:-1]
+    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), display.start, display.end))[1:-1]
     top = min(points, key=lambda point: float(point[1]))
-    assert float(top[0]) == pytest.approx(100 * (film.replay.t[up.argmax()] - film.start) / 60.0, abs=2.0)
+    assert float(top[0]) == pytest.approx(100 * (display.replay.t[up.argmax()] - display.start) / 60.0, abs=2.0)

@@ -8,7 +8,6 @@ from html.parser import HTMLParser
 from companion.present import palette
 from companion.view import Judgement, LinkState, ReplayChoice, StreamState
 from companion.view.panels import banner, live_text
-from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
@@ -83,14 +82,14 @@ def test_the_link_says_how_it_stands() -> None:
 
 
 def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
-    film = footage(recompute(make_flight(), ReplayChoice()))
+    display = recompute(make_flight(), ReplayChoice())
     heard, silent = (
-        live_text.numbers(film.last, None, 0.0, has_position=True, silent=silent) for silent in (False, True)
+        live_text.numbers(display.last, None, 0.0, has_position=True, silent=silent) for silent in (False, True)
     )
     assert "when last heard" not in heard
     assert "Error when last heard" in silent
     assert ("canvas" in silent, "canvas" in heard) == (True, False)  # the picture and the charts are dimmed too
-    tilt = f"{film.last.tilt_deg:.2f}°</td>"
+    tilt = f"{display.last.tilt_deg:.2f}°</td>"
     assert f';opacity:{palette.QUIET}">{tilt}' in silent
     assert tilt in heard
     assert f';opacity:{palette.QUIET}">{tilt}' not in heard

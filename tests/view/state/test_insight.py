@@ -9,7 +9,7 @@ import pytest
 
 from companion.view import ReplayChoice
 from companion.view.scene.overview import worst_words
-from companion.view.state.insight import Worst, worst_stretch
+from companion.view.state.trajectory import Worst, worst_stretch
 from tests.view.circles import BOOT, make_flight, reckon
 
 REPLAY = reckon(make_flight(), ReplayChoice())
