@@ -35,9 +35,9 @@ def ten_minutes() -> c.Flight:
 
 def slider_to_pose(viewer: Viewer, bias: float) -> float:
     """Seconds until the pose has moved."""
-    before, begun = viewer.scene.imu.position, time.perf_counter()
+    before, begun = viewer.controller.scene.imu.position, time.perf_counter()
     viewer.post(partial(viewer.controller.change, partial(replace, gyro_bias=(bias, 0.0, 0.0))))
-    while np.array_equal(viewer.scene.imu.position, before) and time.perf_counter() < begun + LIMIT_S:
+    while np.array_equal(viewer.controller.scene.imu.position, before) and time.perf_counter() < begun + LIMIT_S:
         time.sleep(0.005)
     return time.perf_counter() - begun
 
@@ -50,9 +50,9 @@ def main() -> None:
         waits = [slider_to_pose(viewer, 1e-3 * i) for i in range(1, 8)]
         print(f"from the slider to the pose: median {np.median(waits):.2f} s, most {max(waits):.2f} s (0.5 is at once)")
         viewer.post(viewer.player.toggle)
-        updates, begun = viewer.pose_updates, time.perf_counter()
+        updates, begun = viewer.controller.pose_updates, time.perf_counter()
         time.sleep(3.0)
-        rate = (viewer.pose_updates - updates) / (time.perf_counter() - begun)
+        rate = (viewer.controller.pose_updates - updates) / (time.perf_counter() - begun)
         print(f"pose updates while it plays: {rate:.0f}/s (20 look like motion)")
 
 

@@ -21,7 +21,7 @@ from companion.cli import main
 from companion.model import STANDARD_GRAVITY
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
-from companion.view.panels import verdict_tables
+from companion.view.panels.verdict import drift_table
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow
@@ -167,7 +167,7 @@ def test_the_page_in_the_browser(flight: Document) -> None:
     result = answers.examine(opened, choice, display)
     found = result.assessment
     assert found.verdict.summary == flight["verdict"]["summary"]
-    page = Cells(verdict_tables.drift_table(found.drift, found, palette.IMU, result.horizon_s))
+    page = Cells(drift_table(found.drift, found, palette.IMU, result.horizon_s))
     lines = [row for row in page.rows[1:] if len(row) == 2 + len(QUANTITIES)]
     of_horizons = zip(lines[::3], lines[1::3], lines[2::3], strict=True)
     for told, (median, p95, expected) in zip(flight["drift"], of_horizons, strict=True):

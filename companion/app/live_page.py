@@ -42,7 +42,7 @@ class LiveFeed:
         self._verdict = RunningVerdict(self._assignment(vehicle))
 
     @property
-    def said(self) -> Sequence[str]:
+    def messages(self) -> Sequence[str]:
         """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
         return tuple(self._said)
 

@@ -17,7 +17,7 @@ import viser
 from companion.model import Array
 from companion.view.panels.controls import Controls, write
 from companion.view.scene.cameras import CAMERA_MODES, STILL, Framing, Pose, camera, step_back, world
-from companion.view.scene.scene import WORLD
+from companion.view.scene.drone import WORLD
 from companion.view.state.choice import CameraMode
 from companion.view.state.trajectory import Sample
 

@@ -48,7 +48,7 @@ class Controller:
         mode: CameraMode = "Free",
         expects: bool = False,
         map_host: str = "",
-        **rates: float,
+        rates: Mapping[str, float],
     ) -> None:
         """Adds the folder of what can be chosen of the picture.
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import struct
+import io
 import threading
-import zlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
 import numpy as np
 import numpy.typing as npt
 import viser
+from PIL import Image
 
 from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
@@ -47,27 +47,15 @@ def picture(client: viser.ClientHandle, *, dark: bool) -> bytes:
     pixels = np.asarray(drawn)
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4:
         raise RuntimeError(f"the browser has sent a picture of another kind ({pixels.dtype}, {pixels.shape})")
-    return png(over(pixels, 26 if dark else 255))
+    file = io.BytesIO()
+    Image.fromarray(over(pixels, 26 if dark else 255)).save(file, "PNG")
+    return file.getvalue()
 
 
 def over(rgba: Pixels, grey: int) -> Pixels:
     """Pixels (H, W, 4) laid over an even background, (H, W, 3)."""
     opacity = rgba[..., 3:].astype(np.uint16)
     return np.asarray((rgba[..., :3] * opacity + grey * (255 - opacity) + 127) // 255, np.uint8)
-
-
-def png(rgb: Pixels) -> bytes:
-    """Pixels (H, W, 3) as a PNG file (W3C PNG specification, third edition): one IDAT, no filter."""
-    height, width, _ = rgb.shape
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row begins with its filter: 0, none
-    rows[:, 1:] = rgb.reshape(height, 3 * width)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    body = chunk(b"IDAT", zlib.compress(rows.tobytes(), 6))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
 
 
 def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = False) -> str:

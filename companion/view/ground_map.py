@@ -30,7 +30,7 @@ from PIL import Image
 
 from companion.model import Array, CompanionError, Flight, InputError, SettingsError
 from companion.view.scene.cameras import Framing
-from companion.view.state.places import MapPicture, degrees_of, ground_of, tiles_over
+from companion.view.state.places import MapPicture, local_frame, tiles_over
 from companion.view.state.work import Worker
 
 TIMEOUT_S = 20.0
@@ -113,19 +113,18 @@ def ground_map(ground: Ground, url: str, *, folder: Path | None = None, timeout_
     where the log does not tell where it flew, or the server does not give every tile within `timeout_s`.
     """
     around = max(_LEAST_M, 0.1 * float(np.max(ground.high[:2] - ground.low[:2])))
-    bounds = degrees_of(ground.flight, ground.low - around, ground.high + around)
-    if bounds is None:
+    local = local_frame(ground.flight)
+    if local is None:
         raise InputError("No map: this log does not tell where on Earth it was flown.")
-    tiles = tiles_over(*bounds)
+    corners = np.stack([ground.low - around, ground.high + around])[:, :2]
+    tiles = tiles_over(*local.places(corners).ravel().tolist())
     pixels = np.zeros((tiles.rows * _PIXELS, tiles.columns * _PIXELS, 3), dtype=np.uint8)
     end, store = time.monotonic() + timeout_s, _Store(url, folder or cache_folder() / "map-tiles")
     for row, column, x, y in tiles:
         tile = store.tile(tiles.zoom, x, y, end)
         pixels[row * _PIXELS : (row + 1) * _PIXELS, column * _PIXELS : (column + 1) * _PIXELS] = tile
     store.tidy()
-    corners = ground_of(ground.flight, *tiles.corners)
-    assert corners is not None
-    low, high = corners
+    low, high = local.ground(np.array(tiles.corners).reshape(2, 2))
     return MapPicture(pixels, (low + high) / 2, high - low, credit(url))
 
 

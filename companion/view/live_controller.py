@@ -18,7 +18,7 @@ from companion.view.controller import Controller
 from companion.view.panels.controls import Controls, Post, bounded, dock
 from companion.view.panels.live_panel import LivePanel
 from companion.view.scene.cameras import frame
-from companion.view.scene.live_trail import LiveTrails
+from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.feed import Feed, Seen
@@ -66,16 +66,15 @@ class LiveController(Controller):
             nowhere,
             TRAILS,
             mode="Follow",
-            look=ALONE_HZ,
-            panel=4.0,
-            charts=2.0,
+            rates={"look": ALONE_HZ, "panel": 4.0, "charts": 2.0},
         )
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self.charts = self._charts = LiveCharts(controls, window_s, lambda: self.is_due.at_once("charts"))
         dock(server.gui, side)
         self.scene.ground.load(nowhere, None, None)
-        self.scene.imu.visible = self.scene.autopilot.visible = False  # until somebody is there
+        for drone in (self.scene.imu, self.scene.autopilot):
+            drone.place.visible = False  # until somebody is there
         self._live_trails = LiveTrails(server.scene, window_s)
 
     def wait(self) -> None:
@@ -174,7 +173,8 @@ class LiveController(Controller):
         ground = np.array([*display.replay.position_ref[-1, :2], max(0.0, float(display.replay.position_ref[-1, 2]))])
         self.place(frame(np.vstack([seen.replay.position_ref, ground])))
         self.scene.load(display, self.framing, self.drone, whole=False)
-        self.scene.imu.visible = self.scene.autopilot.visible = True
+        for drone in (self.scene.imu, self.scene.autopilot):
+            drone.place.visible = True
         self.reframe()
 
     def _introduce(self, seen: Seen, display: DisplayTrajectory) -> None:

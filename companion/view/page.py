@@ -18,7 +18,6 @@ from companion.view.controller import Controller
 from companion.view.live_controller import TURN_HZ, LiveController
 from companion.view.panels.controls import Call, Post
 from companion.view.replay_controller import ReplayController
-from companion.view.scene.scene import Scene
 from companion.view.server.web_server import close_server, find_address, open_server
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.state.feed import Feed
@@ -96,16 +95,6 @@ class Page(Generic[Behind]):
     def browsers(self) -> int:
         """How many pages are open."""
         return len(self.controller.browsers)
-
-    @property
-    def scene(self) -> Scene:
-        """The world. To be read: where the drones are and how they stand."""
-        return self.controller.scene
-
-    @property
-    def pose_updates(self) -> int:
-        """How often both poses have been written since the start."""
-        return self.controller.pose_updates
 
     @property
     def stopped(self) -> bool:

@@ -27,12 +27,11 @@ from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
-from companion.view.panels.verdict_panel import DriftTab, FindingsTab
-from companion.view.scene.cameras import frame_of
-from companion.view.scene.picking import picked
+from companion.view.panels.verdict import DriftTab, FindingsTab
+from companion.view.scene.cameras import frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
-from companion.view.state.marks import Mark, text_marks
+from companion.view.state.marks import text_marks
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
 from companion.view.state.sending import update
@@ -73,7 +72,6 @@ class ReplayController(Controller):
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
         self.player = player = Player(display.start, display.end)
-        self._marks: list[Mark] = []
         self._trouble = False
         self._visited = False  # whether an address has asked for an instant or an IMU
         controls, gui = Controls(server.gui, post), server.gui
@@ -96,7 +94,7 @@ class ReplayController(Controller):
                 TRAILS,
                 expects=True,
                 map_host=urlsplit(offer.map_url or "").hostname or "",
-                **{"labels": 8.0, "charts": 4.0, "progress": 2.0},
+                rates={"labels": 8.0, "charts": 4.0, "progress": 2.0},
             )
             playing = gui.add_folder("Playing")
             self._add_save(controls)
@@ -182,7 +180,7 @@ class ReplayController(Controller):
                 hint="Verdict, charts and tables of what is shown, to mail or print",
             )
         for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
-            controls.on_click_of(button, save)
+            controls.on_click_in(button, save)
 
     def _save(self, browser: int, name: str, make: Callable[[viser.ClientHandle], bytes]) -> None:
         if client := self._server.get_clients().get(browser):
@@ -264,9 +262,9 @@ class ReplayController(Controller):
     def _say(self) -> None:
         """Lay out what is said of the display_trajectory beside the picture."""
         display, result = self._display, self._display.result
-        self._marks = text_marks(self._flight)
+        marks = text_marks(self._flight)
         if result is not None:
-            self._marks = sorted([*self._marks, *result.marks], key=lambda mark: mark.t)
+            marks = sorted([*marks, *result.marks], key=lambda mark: mark.t)
         best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.framing.distance)
@@ -278,10 +276,10 @@ class ReplayController(Controller):
         below = bands(self._flight, display)
         self.player.stops = {
             "anchor": display.replay.anchors,
-            "event": np.array([mark.t for mark in self._marks]),
+            "event": np.array([mark.t for mark in marks]),
             "sample": display.replay.t,
         }
-        self._timeline.load(self._marks, display.replay.anchors.tolist(), below)
+        self._timeline.load(marks, display.replay.anchors.tolist(), below)
         self._findings.load(result, outside(below.findings, display.start, display.end))
         self._drift.load(result, self._colours)
         self.is_due.at_once()

@@ -63,17 +63,24 @@ def test_play(wide_page: Page, flight: Flight) -> None:
     page = wide_page
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
-        before = (viewer.player.time, viewer.scene.imu.position, viewer.scene.imu.wxyz, cursor(page))
+        before = (
+            viewer.player.time,
+            viewer.controller.scene.imu.position,
+            viewer.controller.scene.imu.wxyz,
+            cursor(page),
+        )
         keep(page, "before-play")
         page.get_by_role("button", name="Play", exact=True).click()
         expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
 
-        updates = viewer.pose_updates
-        until(lambda: viewer.player.time > before[0] + 1.0 and viewer.pose_updates > updates + 20, "it plays")
+        updates = viewer.controller.pose_updates
+        until(
+            lambda: viewer.player.time > before[0] + 1.0 and viewer.controller.pose_updates > updates + 20, "it plays"
+        )
         page.get_by_role("button", name="Pause", exact=True).click()
         until(lambda: not viewer.player.playing, "paused")
-        assert np.linalg.norm(viewer.scene.imu.position - before[1]) > 1.0
-        assert np.abs(viewer.scene.imu.wxyz - before[2]).max() > 0.01
+        assert np.linalg.norm(viewer.controller.scene.imu.position - before[1]) > 1.0
+        assert np.abs(viewer.controller.scene.imu.wxyz - before[2]).max() > 0.01
         until(lambda: abs(cursor(page) - before[3] - (viewer.player.time - before[0])) < 0.1, "the charts' cursor")
         choose(page, "Paths", "Whole path")
 

@@ -68,7 +68,7 @@ def live() -> Iterator[list[Told]]:
     seen = Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
     feed = Script(seen, vehicles=("1:1", "2:1"))
     with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
+        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
         yield page.told
 
 
@@ -160,7 +160,9 @@ def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str
     feed = Script(Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1"))
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         with plain_page(viewer.url) as page:
-            page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
+            page.listen(
+                lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible
+            )
             attack(page)
         assert lives(viewer)
     assert "Traceback" not in "".join(capfd.readouterr())

@@ -1,4 +1,4 @@
-"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, verdict_tables."""
+"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, verdict."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import AnalysisResult, ReplayChoice
 from companion.view.charts.flight_charts import rates
 from companion.view.charts.log_charts import drift_lines, noise_lines
-from companion.view.panels import banner, verdict_tables
-from companion.view.scene.ellipsoid import Ellipsoid, semi_axes
+from companion.view.panels import verdict
+from companion.view.panels.markup import banner
+from companion.view.scene.overlays import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position
 from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
@@ -113,7 +114,7 @@ def test_a_calibration_is_shown_in_the_units_of_its_rows() -> None:
         values=values, sigma=np.abs(values) / 2.0, observable=[True] * 28, windows=9, horizon_s=5.0, correction=None
     )
     found: Any = SimpleNamespace(calibration=fit, corrected=None, uncorrected=None, made_worse=False)
-    table = re.sub("</?span[^>]*>", "", verdict_tables.calibration_table(found)).replace("&nbsp;", " ")
+    table = re.sub("</?span[^>]*>", "", verdict.calibration_table(found)).replace("&nbsp;", " ")
     rows = dict(re.findall(r"<td>([^<]+)</td>((?:<td>[^<]*</td>)+)", table))
     assert "<td>2.00 ± 1.00</td>" in rows["gyro, mrad/s"]
     assert "<td>0.40 ± 0.20</td>" in rows["accel, m/s²"]
@@ -128,8 +129,8 @@ def test_no_text_becomes_markup() -> None:
     found = replace(found, drift=replace(found.drift, imu=evil))
     sibling = [replace(s, imu=evil) for s in (*result().redundant_imus, *result().redundant_imus)]
     colours = of_imus([evil])
-    markup = banner.banner("imu_suspect", evil) + verdict_tables.drift_table(found.drift, found, colours[evil], 5.0)
-    markup += verdict_tables.redundant_imus_table(sibling, colours) + verdict_tables.calibration_table(found)
+    markup = banner("imu_suspect", evil) + verdict.drift_table(found.drift, found, colours[evil], 5.0)
+    markup += verdict.redundant_imus_table(sibling, colours) + verdict.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup
 

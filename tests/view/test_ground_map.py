@@ -17,7 +17,7 @@ from PIL import Image
 from companion.model import Flight, InputError, Origin, SettingsError
 from companion.view.ground_map import Ground, MapLayer, cache_folder, check_url, credit, ground_map
 from companion.view.scene.cameras import frame
-from companion.view.state.places import MapPicture, degrees_of, ground_of
+from companion.view.state.places import MapPicture, local_frame
 from tests.view.circles import make_flight
 from tests.waiting import wait_for
 
@@ -148,12 +148,15 @@ def test_a_flight_of_unknown_place_asks_nobody(flight: Flight, server: Server, t
     assert not server.asked
 
 
-def test_degrees_and_metres_are_inverse(ground: Ground) -> None:
-    there = degrees_of(ground.flight, ground.low, ground.high)
-    assert there is not None
-    back = ground_of(ground.flight, *there)
-    assert back is not None
-    np.testing.assert_allclose(back, [ground.low[:2], ground.high[:2]], atol=1e-6)
+def test_places_and_metres_are_inverse(ground: Ground) -> None:
+    local = local_frame(ground.flight)
+    assert local is not None
+    corners = np.stack([ground.low[:2], ground.high[:2]])
+    np.testing.assert_allclose(local.ground(local.places(corners)), corners, atol=1e-6)
+    flat = np.column_stack([corners, np.zeros(2)])
+    there = local.places(corners)
+    height = np.full(2, local.origin.height)
+    np.testing.assert_allclose(local.ned(there[:, 0], there[:, 1], height) - [0, 0, local.zero[2]], flat, atol=1e-6)
 
 
 def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

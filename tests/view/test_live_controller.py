@@ -30,7 +30,7 @@ class Script:
     choice: ReplayChoice = field(default_factory=ReplayChoice)
     why_not: str = ""
     vehicles: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
     link: LinkState = field(default_factory=lambda: LinkState("a link"))
     drift: tuple[DriftRow, ...] = ()
     judgement: Judgement = field(default_factory=lambda: Judgement("", ""))
@@ -60,14 +60,14 @@ def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight)
     feed = Script()
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         time.sleep(0.1)
-        assert not viewer.scene.imu.visible, "nobody has been heard"
+        assert not viewer.controller.scene.imu.place.visible, "nobody has been heard"
         feed.now = Seen(flight, "RAW_IMU", attitude, None)
-        until(lambda: viewer.scene.imu.visible, "the attitude")
-        assert viewer.scene.imu.name == "IMU alone"
+        until(lambda: viewer.controller.scene.imu.place.visible, "the attitude")
+        assert viewer.controller.scene.imu.label.text == "IMU alone"
         feed.now = Seen(flight, "RAW_IMU", replay, None)
         apart = float(np.linalg.norm(replay.position_error[-1]))
         assert apart > 1.0
-        until(lambda: viewer.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
+        until(lambda: viewer.controller.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
 
 
 def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:

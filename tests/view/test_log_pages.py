@@ -102,8 +102,8 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         page.get_by_role("checkbox", name="SCALED_IMU2", exact=True).click()
         until(lambda: "SCALED_IMU2 tilt" in page.evaluate(names), "a line of the other IMU")
         page.get_by_role("checkbox", name="3σ ellipsoid").click()
-        until(lambda: bool(viewer.scene.expected.axes.any()), "the ellipsoid")
-        axes = np.sort(viewer.scene.expected.axes)
+        until(lambda: bool(viewer.controller.scene.expected.axes.any()), "the ellipsoid")
+        axes = np.sort(viewer.controller.scene.expected.axes)
         assert axes[2] > 1.05 * axes[0] > 0  # not a ball
         colours = (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT)
 
@@ -136,7 +136,7 @@ def test_a_log_without_position(page: Page) -> None:
         expect(page.get_by_text(re.compile("CONSISTENT|SUSPECT")).first).to_be_visible()
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "ten seconds on")
-        assert not viewer.scene.imu.position.any()
+        assert not viewer.controller.scene.imu.position.any()
         until(lambda: near(shoot(page, "attitude-only")[:, 340:940], palette.IMU) > 100, "the IMU's drone")
 
 
@@ -156,7 +156,9 @@ def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
         choose(page, "Flight", option)
         expect(page.get_by_text(re.compile("vehicle 7:1, boot 1")).first).to_be_visible()
         viewer.post(partial(viewer.player.seek_share, 0.5))
-        until(lambda: bool(np.linalg.norm(viewer.scene.autopilot.position) > 0.1), "the other vehicle's place")
+        until(
+            lambda: bool(np.linalg.norm(viewer.controller.scene.autopilot.position) > 0.1), "the other vehicle's place"
+        )
         keep(page, "two-vehicles")
 
 

@@ -32,7 +32,7 @@ def test_a_new_bias_is_on_the_screen() -> None:
     with Viewer([flight], reckon, examine, port=0) as viewer:
         viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         for i in range(1, 4):
-            before = viewer.scene.imu.position
+            before = viewer.controller.scene.imu.position
             bias = partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))
             viewer.post(partial(viewer.controller.change, bias))
-            wait_for(lambda before=before: not np.array_equal(viewer.scene.imu.position, before))  # type: ignore[misc]
+            wait_for(lambda before=before: not np.array_equal(viewer.controller.scene.imu.position, before))  # type: ignore[misc]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import zip_longest
 
 import numpy as np
 
@@ -16,16 +17,9 @@ from companion.view.charts.flight_charts import (
     rate_drawings,
     reading_drawings,
 )
-from companion.view.charts.log_charts import (
-    DRIFT_QUANTITIES,
-    NOISE_STYLES,
-    NOISE_TITLES,
-    LogCharts,
-    drift_lines,
-    drift_styles,
-    noise_lines,
-)
+from companion.view.charts.log_charts import NOISE_TITLES, LogChart, LogDrawing, drift_drawings, noise_drawings
 from companion.view.panels.controls import Controls
+from companion.view.panels.markup import block
 from companion.view.state.feed import Judgement
 from companion.view.state.history import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
@@ -56,8 +50,7 @@ class ChartPages:
         controls.on_change(page, self.pick)
         gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
-        self._drift = LogCharts(gui, tuple(DRIFT_QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)
-        self._noise = LogCharts(gui, NOISE_TITLES, "Hz or s", NOISE_STYLES)
+        self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
         self._hint = gui.add_html("", visible=False)
         self._display: DisplayTrajectory | None = None
         self._flight: Flight | None = None
@@ -70,11 +63,6 @@ class ChartPages:
     ) -> None:
         """Draw another reckoning, between two times (s, boot clock)."""
         self._display, self._flight, self._colours, self._part = display, flight, colours, part
-        result = display.result
-        assessment = result.assessment if result else None
-        drifts = [None if assessment is None else drift_lines(assessment, name) for name in DRIFT_QUANTITIES.values()]
-        self._drift.draw(drifts, drift_styles(colours.get(display.source, palette.IMU)))
-        self._noise.draw(noise_lines(result.noise if result else None), NOISE_STYLES)
         self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:
@@ -92,8 +80,8 @@ class ChartPages:
         """Make every browser lay its charts out again; see Chart.relayout."""
         for chart in self._charts:
             chart.relayout()
-        self._drift.relayout()
-        self._noise.relayout()
+        for log_chart in self._log_charts:
+            log_chart.relayout()
 
     def show(self, sample: Sample) -> None:
         """Move the line to `sample`."""
@@ -104,27 +92,28 @@ class ChartPages:
     def _draw(self) -> None:
         if self._display is None or self._flight is None:
             return
-        drawings = self._drawings(self._display, self._flight)
-        for i, chart in enumerate(self._charts):
-            chart.draw(drawings[i] if i < len(drawings) else None, self._part)
-        self._drift.pick(shown=self._shown == DRIFT)
-        self._noise.pick(shown=self._shown == NOISE)
-        result = self._display.result
-        waiting = self._shown in (HORIZON, NOISE, DRIFT) and result is None
-        silent = self._shown == NOISE and result is not None and result.noise is None
-        empty = silent or (self._shown == HORIZON and not drawings)
-        self._hint.visible = waiting or empty
-        said = "The analysis is still at work." if waiting else _NOTHING.get(self._shown, "")
-        self._hint.content = f'<div style="padding:0.5em 1em;font-size:0.8em">{said}</div>'
-
-    def _drawings(self, display: DisplayTrajectory, flight: Flight) -> list[Drawing]:
+        display, result = self._display, self._display.result
+        drawings: list[Drawing] = []
+        logs: list[LogDrawing] = []
         if self._shown == ERRORS:
-            return error_drawings(display, self._colours)
-        if self._shown == HORIZON:
-            return horizon_drawings(display, self._colours)
-        if self._shown == READINGS:
-            return reading_drawings(display, flight)
-        return rate_drawings(flight, self._colours) if self._shown == RATES else []
+            drawings = error_drawings(display, self._colours)
+        elif self._shown == HORIZON:
+            drawings = horizon_drawings(display, self._colours)
+        elif self._shown == READINGS:
+            drawings = reading_drawings(display, self._flight)
+        elif self._shown == RATES:
+            drawings = rate_drawings(self._flight, self._colours)
+        elif result is not None and self._shown == DRIFT:
+            logs = drift_drawings(result.assessment, self._colours.get(display.source, palette.IMU))
+        elif result is not None:
+            logs = noise_drawings(result.noise)
+        for chart, drawing in zip_longest(self._charts, drawings):
+            chart.draw(drawing, self._part)
+        for log_chart, log in zip_longest(self._log_charts, logs):
+            log_chart.draw(log)
+        self._hint.visible = not drawings and not logs
+        why = "Analysis in progress." if result is None else _NOTHING.get(self._shown, "")
+        self._hint.content = block(why)
 
 
 SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
@@ -160,8 +149,8 @@ class LiveCharts:
             (errors.t, known.astype(np.float64)),
             has_position=curves.has_position,
         )
-        for i, chart in enumerate(self._charts):
-            chart.draw(drawings[i] if i < len(drawings) else None, (-min(span, self._window), 0.0))
+        for chart, drawing in zip_longest(self._charts, drawings):
+            chart.draw(drawing, (-min(span, self._window), 0.0))
             chart.show(now, still=True)
 
     def relayout(self) -> None:

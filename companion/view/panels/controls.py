@@ -98,7 +98,7 @@ class Controls:
 
         button.on_click(pressed)
 
-    def on_click_of(self, button: Any, do: Callable[[int], object]) -> None:
+    def on_click_in(self, button: Any, do: Callable[[int], object]) -> None:
         """Call `do` with the number of the browser in which a button is pressed."""
 
         async def pressed(click: viser.GuiEvent[Any]) -> None:
@@ -116,22 +116,21 @@ class Controls:
             if row.value in buttons:
                 self._post(buttons[row.value])
 
-    def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
-        """Keys go through the command palette, which lists them under Ctrl-K."""
-
-        @self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
-        async def _(_: object) -> None:
-            self._post(do)
-
     def cameras(self, choose: Callable[[int, CameraMode], object]) -> None:
         """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
         row = self.gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
 
         @row.on_click
         async def _(click: viser.GuiEvent[Any]) -> None:
-            mode = CAMERAS.get(row.value)
-            if mode is not None and click.client_id is not None:
-                self._post(partial(choose, click.client_id, mode))
+            if click.client_id is not None and row.value in CAMERAS:
+                self._post(partial(choose, click.client_id, CAMERAS[row.value]))
+
+    def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
+        """Keys go through the command palette, which lists them under Ctrl-K."""
+
+        @self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
+        async def _(_: object) -> None:
+            self._post(do)
 
 
 def write(handle: Any, value: object) -> None:

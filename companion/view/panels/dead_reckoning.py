@@ -25,7 +25,6 @@ CORRECTIONS: dict[str, Corrected] = {"Uncorrected": "no", "Corrected by this fli
 MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
-Bias = tuple[float, float, float]
 T = TypeVar("T")
 # With a word joiner: a narrow label breaks before the unit, not in it.
 GYRO_UNIT, ACCEL_UNIT = "mrad/\u2060s", "m/\u2060s²"
@@ -112,8 +111,8 @@ class DeadReckoningControls:
         for i, box in enumerate(self._others):
             on(box, partial(self._with_other, i))
         for i in range(len(AXES)):
-            on(self._gyro[i], partial(_with_gyro, i))
-            on(self._accel[i], partial(_with_accel, i))
+            on(self._gyro[i], partial(_with_bias, "gyro_bias", i, 1e-3, GYRO_RANGE))
+            on(self._accel[i], partial(_with_bias, "accel_bias", i, 1.0, ACCEL_RANGE))
         controls.on_click(here, lambda: change(lambda choice: replace(choice, start_s=now())))
         controls.on_click(reset, lambda: change(partial(replace, gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
 
@@ -177,15 +176,9 @@ def _period(seconds: object) -> float:
     return bounded(seconds, 0.5, 10.0, 3600.0)
 
 
-def _with_gyro(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
-    rate = 1e-3 * bounded(value, -GYRO_RANGE, 0.0, GYRO_RANGE)
-    return replace(choice, gyro_bias=_with(i, choice.gyro_bias, rate))
-
-
-def _with_accel(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
-    return replace(choice, accel_bias=_with(i, choice.accel_bias, bounded(value, -ACCEL_RANGE, 0.0, ACCEL_RANGE)))
-
-
-def _with(i: int, bias: Bias, value: float) -> Bias:
-    x, y, z = (value if i == j else other for j, other in enumerate(bias))
-    return x, y, z
+def _with_bias(part: str, i: int, unit: float, most: float, choice: ReplayChoice, value: object) -> ReplayChoice:
+    """With another bias of one axis. part: of the choice; unit: of the slider."""
+    bias = list(getattr(choice, part))
+    bias[i] = unit * bounded(value, -most, 0.0, most)
+    changes: dict[str, Any] = {part: tuple(bias)}
+    return replace(choice, **changes)

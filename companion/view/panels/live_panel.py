@@ -12,6 +12,7 @@ from companion.view.panels.controls import Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
+from companion.view.state.sending import update
 from companion.view.state.trajectory import Sample
 
 BEST = "Automatic"
@@ -61,8 +62,8 @@ class LivePanel:
             self._drift = gui.add_html("")
         with gui.add_folder("Link"):
             self._health = gui.add_html("")
-        with gui.add_folder("Said", expand_by_default=False):
-            self._said = gui.add_html("")
+        with gui.add_folder("Messages", expand_by_default=False):
+            self._messages = gui.add_html("")
         controls.on_change(period, lambda s: setattr(feed, "reanchor_s", bounded(s, 0.5, 10.0, longest)))
         on_choice(controls, change, self._imu, lambda c, name: replace(c, imu=name if name in self._imus[1:] else None))
         controls.on_click(anchor, feed.anchor_now)
@@ -79,22 +80,21 @@ class LivePanel:
     def show(
         self, sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool
     ) -> None:
-        """Write the instant into the numbers. silent: it is the last that was heard of, and not now."""
+        """Write the instant into the numbers. silent: it is the last that was received, and not now."""
         self._numbers.content = live_text.numbers(sample, free, free_age_s, has_position=has_position, silent=silent)
 
     def report(self, feed: Feed, held_s: float | None) -> None:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""
         state = feed.link
-        for handle, content in (
-            (self._verdict, live_text.verdict(feed.judgement, state, feed.why_not)),
-            (self._link, live_text.link(state, feed.why_not, held_s)),
-            (self._health, live_text.health(state)),
-            (self._drift, live_text.drift(feed.drift, feed.judgement)),
-            (self._said, live_text.sentences(feed.said)),
-        ):
-            if handle.content != content:
-                handle.content = content
-        self._offer(tuple(feed.vehicles))
+        update(self._verdict, content=live_text.verdict(feed.judgement, state, feed.why_not))
+        update(self._link, content=live_text.link(state, feed.why_not, held_s))
+        update(self._health, content=live_text.health(state))
+        update(self._drift, content=live_text.drift(feed.drift, feed.judgement))
+        update(self._messages, content=live_text.messages(feed.messages))
+        vehicles = tuple(feed.vehicles)
+        if vehicles and vehicles != self._vehicles:
+            self._vehicles = self.vehicle.options = vehicles
+            self.vehicle.visible = len(vehicles) > 1
 
     def hold(self, at_s: float | None, duration_s: float) -> None:
         """The picture is held at so many s before its end (0 or less); None: it is live. duration_s: how far back."""
@@ -105,9 +105,3 @@ class LivePanel:
         if paused and self.back.min != low:
             self.back.min = low
         write(self.back, max(at_s or 0.0, low))
-
-    def _offer(self, vehicles: tuple[str, ...]) -> None:
-        if vehicles != self._vehicles and vehicles:
-            self._vehicles = vehicles
-            self.vehicle.options = vehicles
-            self.vehicle.visible = len(vehicles) > 1

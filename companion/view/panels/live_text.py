@@ -1,61 +1,52 @@
-"""What a live page says, as markup. Every text that came from a vehicle, a link or a file name is escaped here."""
+"""The words and numbers of a live page. Text of a vehicle, a link or a file name is escaped here."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 from companion.analysis import DriftRow, Statistic
-from companion.present import Rgb, palette
-from companion.view.panels import banner
-from companion.view.panels.verdict_tables import swatch
+from companion.present import palette, words
+from companion.view.panels.markup import badge, banner, block, colour_of, lines, row, swatch, table, trouble, waiting
 from companion.view.state.feed import Judgement, LinkState
 from companion.view.state.trajectory import Sample
 
-_STATUS = {
-    "consistent": "Consistent",
-    "imu_suspect": "IMU suspect",
-    "autopilot_suspect": "Autopilot suspect",
-    "insufficient_data": "Not enough data",
-    "starting": "Starting",
-    "lost": "Control lost",
-}
 _OLD_S = 5.0  # from which age on a verdict says how old it is
 
 
 def verdict(judgement: Judgement, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if judgement.status and not state.problem:
-        return banner.banner(judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
+        return banner(judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
     if state.problem:
-        return banner.waiting(f"NO VERDICT – {state.problem}")
-    return banner.waiting(why_not or "No verdict yet: the first needs some seconds of data.")
+        return waiting(f"NO VERDICT – {state.problem}")
+    return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
 
 
 def link(state: LinkState, why_not: str, held_s: float | None) -> str:
     """Live, held or waiting, and whether it is recorded. held_s: how long ago the held picture was; None: live."""
     if held_s is not None:
-        head = _badge(f"PAUSED, {held_s:.1f} s ago", palette.CONTROLS)
+        head = badge(f"PAUSED, {held_s:.1f} s ago", palette.CONTROLS)
     elif state.problem:
-        head = _badge("RECONNECTING" if state.frames else "WAITING", palette.BAD)
+        head = badge("RECONNECTING" if state.frames else "WAITING", palette.BAD)
     elif why_not:
-        head = _badge("WAITING", palette.CONTROLS)
+        head = badge("WAITING", palette.CONTROLS)
     else:
-        head = _badge("LIVE", palette.GOOD)
-    lines = [head]
+        head = badge("LIVE", palette.GOOD)
+    rows = [head]
     if state.problem or why_not:
-        lines.append(_trouble(state.problem or why_not))
+        rows.append(trouble(state.problem or why_not))
     if state.recording_problem:
-        lines.append(_trouble(state.recording_problem))
+        rows.append(trouble(state.recording_problem))
     elif state.recording:
-        lines.append(
+        rows.append(
             '<div style="overflow-wrap:anywhere"><span style="color:var(--companion-trouble)">●</span> Recording '
             f"{escape(state.recording)}, {size(state.recorded_bytes)}</div>"
         )
     else:
-        lines.append("<div>Not recorded</div>")
-    return _block("".join(lines))
+        rows.append("Not recorded")
+    return block(lines(rows))
 
 
 def legend(vehicle: str, *, has_position: bool) -> str:
@@ -69,7 +60,7 @@ def legend(vehicle: str, *, has_position: bool) -> str:
         rows.append(f"{swatch(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
     else:
         rows.append("No position is sent: only the attitudes are compared.")
-    return _block(f"<div>{escape(vehicle)}</div>" + "".join(f"<div>{row}</div>" for row in rows))
+    return block(lines([escape(vehicle), *rows]))
 
 
 _STALE = f"<style>.uplot,canvas[data-engine]{{opacity:{palette.QUIET};filter:grayscale(0.8)}}</style>"
@@ -93,45 +84,44 @@ def numbers(
             ("position", f"{sample.position_m:.2f} m", "{3:.1f} m"),
         ]
     known = free is not None and all(map(math.isfinite, free))
-    cells = ((name, first, second.format(*free) if known and free is not None else "") for name, first, second in rows)
+    quiet = f"opacity:{palette.QUIET}" if silent else ""
+    cells = (row((name, first, second.format(*free or ()) if known else ""), quiet) for name, first, second in rows)
     if silent:
-        return _STALE + _table(("Error when last heard", "IMU", "free run"), cells, f"opacity:{palette.QUIET}")
-    return _table(("Error", "IMU", "free run"), cells)
+        return _STALE + table(("Error when last received", "IMU", "free run"), cells)
+    return table(("Error", "IMU", "free run"), cells)
 
 
 def health(state: LinkState) -> str:
     """Rates, losses, the clocks."""
-    rows = [(escape(s.name), f"{s.received_hz:.0f} / {s.wanted_hz:.0f} Hz", escape(s.note)) for s in state.streams]
+    rows = (
+        row((escape(s.name), f"{s.received_hz:.0f} / {s.requested_hz:.0f} Hz", escape(s.note))) for s in state.streams
+    )
     lost = "".join(f", {share:.2%} of {escape(who)} lost" for who, share in state.lost.items())
-    lines = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
+    rest = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
     if state.latency_ms is not None:
-        lines.append(f"Latency {state.latency_ms:.1f} ms")
+        rest.append(f"Latency {state.latency_ms:.1f} ms")
     if state.clock:
-        lines.append(escape(state.clock))
+        rest.append(escape(state.clock))
     if state.rejected:
-        lines.append(f"{state.rejected:,} frames dropped: not signed, or not with our key")
-    return _table(("Message", "received / wanted", ""), rows) + _block("".join(f"<div>{line}</div>" for line in lines))
+        rest.append(f"{state.rejected:,} frames dropped: not signed, or not with our key")
+    return table(("Message", "received / requested", ""), rows) + block(lines(rest))
 
 
 def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
     """The verdicts now and so far, and the drift table: medians."""
-    head = _opinion("Now", judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
-    head += _opinion("So far", judgement.status_so_far, judgement.text_so_far)
-    table = _table(
-        ("after", "windows", "attitude", "position"),
-        (
-            (f"{row.horizon_s:g} s", f"{row.windows}", _median(row.attitude_deg, "°"), _median(row.position_m, " m"))
-            for row in rows
-            if row.windows or row.excluded
-        ),
+    head = _verdict("Now", judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
+    head += _verdict("So far", judgement.status_so_far, judgement.text_so_far)
+    measured = (
+        row((f"{r.horizon_s:g} s", r.windows, _median(r.attitude_deg, "°"), _median(r.position_m, " m")))
+        for r in rows
+        if r.windows or r.excluded
     )
-    return _block(head) + table
+    return block(head) + table(("after", "windows", "attitude", "position"), measured)
 
 
-def _opinion(when: str, status: str, text: str, *, stale: bool = False) -> str:
-    colour = banner.colour_of(status, stale=stale)
-    badge = _badge(f"{when}: {_STATUS.get(status, status)}", colour) if status else ""
-    return f"<div>{badge}<div>{escape(text)}</div></div>" if text else ""
+def _verdict(when: str, status: str, text: str, *, stale: bool = False) -> str:
+    head = badge(f"{when}: {words(status)}", colour_of(status, stale=stale)) if status else ""
+    return lines([head, escape(text)]) if text else ""
 
 
 def _age(judgement: Judgement) -> str:
@@ -143,13 +133,9 @@ def _is_stale(judgement: Judgement) -> bool:
     return judgement.age_s > _OLD_S
 
 
-def _trouble(text: str) -> str:
-    return f'<div style="color:var(--companion-trouble)">{escape(text)}</div>'
-
-
-def sentences(said: Sequence[str]) -> str:
-    """What the session has said, the newest first."""
-    return _block("".join(f"<div>{escape(sentence)}</div>" for sentence in reversed(said)) or "Nothing so far.")
+def messages(sentences: Sequence[str]) -> str:
+    """The messages of the session, the newest first."""
+    return block(lines(map(escape, reversed(sentences))) or "Nothing so far.")
 
 
 def size(count: int) -> str:
@@ -159,29 +145,3 @@ def size(count: int) -> str:
 
 def _median(statistic: Statistic | None, unit: str) -> str:
     return "" if statistic is None else f"{statistic.median:.2f}{unit}"
-
-
-def _badge(text: str, colour: Rgb) -> str:
-    return (
-        f'<span style="background:{palette.css(colour)};color:white;border-radius:0.3em;padding:0.1em 0.6em;'
-        f'font-weight:700">{escape(text)}</span>'
-    )
-
-
-def _block(markup: str) -> str:
-    return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.55">{markup}</div>'
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]], style: str = "") -> str:
-    """header and rows: markup already. style: of every cell below the header."""
-
-    def line(cells: Sequence[str], tag: str, style: str) -> str:
-        sides = ("left", *["right"] * (len(cells) - 1))
-        marked = (f'<{tag} style="text-align:{s};{style}">{cell}</{tag}>' for s, cell in zip(sides, cells, strict=True))
-        return f"<tr>{''.join(marked)}</tr>"
-
-    body = "".join(line(row, "td", style) for row in rows)
-    return (
-        '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.8em;font-variant-numeric:tabular-nums;'
-        f'border-spacing:0 0.1em">{line(header, "th", f"font-weight:400;opacity:{palette.QUIET}")}{body}</table></div>'
-    )

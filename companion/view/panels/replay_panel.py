@@ -10,10 +10,10 @@ import numpy as np
 
 from companion.model import Flight
 from companion.present import Rgb, palette, vehicle_words
-from companion.view.panels import banner
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.verdict_tables import swatch
+from companion.view.panels.markup import banner, block, lines, row, swatch, table, waiting
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
+from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 
@@ -38,7 +38,7 @@ class Panel:
         self.choose_flight(flight)
         if display.result is not None:
             verdict = display.result.assessment.verdict
-            self._banner.content = banner.banner(verdict.status, verdict.summary)
+            self._banner.content = banner(verdict.status, verdict.summary)
 
     def introduce(
         self, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]
@@ -48,7 +48,7 @@ class Panel:
 
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
-        self._banner.content = banner.waiting(text)
+        self._banner.content = waiting(text)
 
     def choose_flight(self, flight: Flight) -> None:
         """Say which flight is shown: another may have been asked for in vain."""
@@ -61,16 +61,14 @@ class Panel:
     def status(self, text: str, *, trouble: bool = False) -> None:
         """Say what the reckoning is doing, or why it failed. `text` may hold anything."""
         colour = "var(--companion-trouble)" if trouble else "inherit"
-        html = f'<div style="padding:0 1em 0.5em;font-size:0.8em;color:{colour}">{escape(text)}</div>' if text else ""
-        if self._status.content != html:
-            self._status.content = html
+        update(self._status, content=block(escape(text), f"color:{colour}") if text else "")
 
 
 def identity(flight: Flight) -> str:
     """A flight's mark, by which a browser finds again what it showed last of it: the same whenever it is opened."""
     tracks = [(name, len(track)) for name, track in flight.imus.items()]
-    said = repr((str(flight.vehicle), flight.boot, flight.start, flight.duration, tracks))
-    return hashlib.blake2s(said.encode(), digest_size=8).hexdigest()
+    marks = repr((str(flight.vehicle), flight.boot, flight.start, flight.duration, tracks))
+    return hashlib.blake2s(marks.encode(), digest_size=8).hexdigest()
 
 
 def _title(flight: Flight) -> str:
@@ -83,7 +81,6 @@ def _legend(
 ) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle, source = flight.vehicle, display.source
-    who = escape(vehicle_words(vehicle))
     line = "width:1em;height:0.25em"
     rows = [
         f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, dead-reckoned from its readings",
@@ -95,12 +92,12 @@ def _legend(
     else:
         rows.append("This log has no position: only the attitudes are compared.")
     rows += [f"{mark}{EXTRA_PATHS[name][0]}" for name, mark in _EXTRA_PATHS.items() if name in extra_paths]
-    lines = "".join(f"<div>{row}</div>" for row in rows)
+    who = (
+        f"{escape(vehicle_words(vehicle))}, vehicle {escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s"
+    )
     return (
-        f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}" '
-        f'style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
-        f"<div>{who}, vehicle "
-        f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"
+        f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}">'
+        f"{block(lines([who, *rows]))}</div>"
     )
 
 
@@ -139,19 +136,11 @@ def _numbers(sample: Sample, display: DisplayTrajectory, since_start: float, cel
         rows.append(("Velocity error", f"{sample.velocity_mps:.2f} m/s", f"grid squares {cell:g} m"))
         sigma = float(np.sqrt(np.trace(sample.covariance)))
         rows.append(("Position error", f"{sample.position_m:.2f} m", f"expected 1σ {sigma:.2f} m" if sigma else ""))
-    if (row := _times_expected(sample, display)) is not None:
-        rows.append(row)
+    if (quotients := _times_expected(sample, display)) is not None:
+        rows.append(quotients)
     if (after := display.after_horizon(sample.t)) is not None and display.result is not None:
         attitude, position = after
-        said = f"{position:.2f} m" if has_position else ""
-        rows.append((f"After {display.result.horizon_s:g} s", f"{attitude:.2f}°", said))
-    cells = "".join(
-        f'<tr><td style="opacity:{palette.QUIET};white-space:nowrap">{name}</td>'
-        f'<td style="text-align:right;font-weight:600;white-space:nowrap">{first}</td>'
-        f'<td style="text-align:right">{second}</td></tr>'
-        for name, first, second in rows
-    )
-    return (
-        '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.84em;'
-        f'font-variant-numeric:tabular-nums;border-spacing:0 0.05em">{cells}</table></div>'
-    )
+        metres = f"{position:.2f} m" if has_position else ""
+        rows.append((f"After {display.result.horizon_s:g} s", f"{attitude:.2f}°", metres))
+    wrapped = '<span style="white-space:normal">{}</span>'
+    return table((), (row((name, f"<b>{first}</b>", wrapped.format(second))) for name, first, second in rows))

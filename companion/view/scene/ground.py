@@ -9,6 +9,7 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
+from companion.view.scene.trail import add_lines
 from companion.view.state.places import MapPicture
 from companion.view.state.sending import update
 
@@ -102,10 +103,7 @@ class Ground:
 
 class _Cross:
     def __init__(self, scene: viser.SceneApi, name: str, label: str) -> None:
-        nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._lines = scene.add_line_segments(
-            name, nothing, GREY, thickness=3.0, thickness_units="screen", visible=False
-        )
+        self._lines = add_lines(scene, name, GREY, 3.0)
         self._label = scene.add_label(f"{name}_name", label, anchor="top-center", visible=False)
         self._place: Array | None = None
 

@@ -9,24 +9,18 @@ import viser
 
 from companion.model import Array
 from companion.present import Rgb, length, palette
-from companion.view.scene.arrows import Arrows
 from companion.view.scene.cameras import Framing
-from companion.view.scene.drone import AttachedLine, Body, Move
-from companion.view.scene.ellipsoid import Ellipsoid
-from companion.view.scene.extra_paths import ExtraPaths
+from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Body, Move
 from companion.view.scene.ground import Ground
-from companion.view.scene.overview import Overview
-from companion.view.scene.trail import OUTLINE, Trail
+from companion.view.scene.overlays import Arrows, Ellipsoid
+from companion.view.scene.paths import ExtraPaths, Overview
+from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.decimation import by_shape
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name
-WORLD = "/world"
-"""Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
-AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
-"""The drones' places: what hangs on them moves with them, but does not turn."""
 NEARER = 0.998
 """The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
 It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
@@ -71,7 +65,7 @@ class Scene:
     @property
     def apart(self) -> float | None:
         """Length of the line between both drones, m; None while none is drawn."""
-        return self._error.length if self._error.visible else None
+        return self._error.length if self._error.node.visible else None
 
     def load(
         self,
@@ -108,9 +102,9 @@ class Scene:
         if whole:
             self.overview.load(display, colour, outlines)
         for line in (self._error, *self._sticks):
-            line.visible = known
+            update(line.node, visible=known)
         self._error_name.visible = False
-        self.imu.name = f"{source} alone"
+        self.imu.label.text = f"{source} alone"
         self._load_others(display, drone, colours)
 
     def seen_from(self, eye: Array) -> None:
@@ -127,11 +121,11 @@ class Scene:
             self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
         self._films = list(display.others.values())
         for i, (body, trail) in enumerate(self._others):
-            body.visible = i < len(display.others)
+            update(body.place, visible=i < len(display.others))
             trail.hide()
         for (body, trail), (name, other) in zip(self._others, display.others.items(), strict=False):
             body.reshape(drone, colours[name])
-            body.name = name
+            update(body.label, text=name)
             trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
 
     def show(self, sample: Sample) -> None:
@@ -171,8 +165,9 @@ class Scene:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
-        self.autopilot.name_visible = roomy
+        name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        update(self.imu.label, text=name)
+        update(self.autopilot.label, visible=roomy)
         update(self._error_name, visible=roomy)
         if roomy:
             self._error_name.text = apart

@@ -23,10 +23,10 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class StreamState:
-    """One message that the vehicle is asked for."""
+    """One message that is requested of the vehicle."""
 
     name: str
-    wanted_hz: float
+    requested_hz: float
     received_hz: float
     note: str = ""  # "given up", "asking"; "" when it is agreed
 
@@ -82,7 +82,7 @@ class Feed(Protocol):
         """Those that can be looked at."""
 
     @property
-    def said(self) -> Sequence[str]:
+    def messages(self) -> Sequence[str]:
         """The last sentences for the user, the newest last."""
 
     @property
@@ -91,7 +91,7 @@ class Feed(Protocol):
 
     @property
     def drift(self) -> Sequence[DriftRow]:
-        """The drift since the vehicle was first heard."""
+        """The drift since the first message of the vehicle."""
 
     @property
     def judgement(self) -> Judgement:

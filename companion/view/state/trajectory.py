@@ -237,7 +237,7 @@ def display_trajectory(
     q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
     # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
     good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
-    for name in _COLUMNS:
+    for name in COLUMNS:
         size = np.abs(getattr(replay, name))
         if not size.max(initial=0.0) < MOST:  # row by row takes longer
             good &= (size < MOST).all(axis=1)
@@ -251,7 +251,7 @@ def display_trajectory(
         clean = replace(
             replay,
             t=replay.t[good],
-            **{name: getattr(replay, name)[good] for name in _COLUMNS},
+            **{name: getattr(replay, name)[good] for name in COLUMNS},
             reference_valid=replay.reference_valid[good],
         )
     clean = replace(
@@ -270,7 +270,7 @@ def display_trajectory(
 
 
 _STATES = ("q_imu", "velocity_imu", "position_imu", "q_ref", "velocity_ref", "position_ref")
-_COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
+COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
 _ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
 _STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
 

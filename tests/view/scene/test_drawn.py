@@ -12,8 +12,9 @@ import pytest
 from companion.strapdown import quaternion
 from companion.view import ReplayChoice
 from companion.view.scene.cameras import frame_of
+from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.ground import Ground
-from companion.view.scene.scene import AUTOPILOT, IMU, Scene
+from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.places import MapPicture
 from tests.view.circles import make_flight, recompute

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.view import ReplayChoice
-from companion.view.scene.cameras import Pose
-from companion.view.scene.picking import picked
+from companion.view.scene.cameras import Pose, picked
 from tests.view.circles import make_flight, recompute
 
 DISPLAY = recompute(make_flight(), ReplayChoice())

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from companion.model import Array
 from companion.view import ReplayChoice
-from companion.view.scene.arrows import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.scene.cameras import (
     ASPECT,
     CAMERA_MODES,
@@ -26,6 +25,7 @@ from companion.view.scene.cameras import (
     step_back,
     world,
 )
+from companion.view.scene.overlays import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.state.trajectory import Sample
 from tests.view.circles import make_flight, quaternion, recompute
 

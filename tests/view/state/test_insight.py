@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.view import ReplayChoice
-from companion.view.scene.overview import worst_words
+from companion.view.scene.paths import worst_words
 from companion.view.state.trajectory import Worst, worst_stretch
 from tests.view.circles import BOOT, make_flight, reckon
 
