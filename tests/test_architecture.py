@@ -87,7 +87,7 @@ VIEW_MAY_IMPORT = {
     "export": {"state", "scene", "server"},
     "ground_map": {"state", "scene"},
     "browsers": {"state", "panels", "scene"},
-    "controller": {"state", "panels", "scene", "browsers"},
+    "controller": {"state", "panels", "charts", "scene", "browsers"},
     "replay_controller": {"state", "scene", "charts", "panels", "controller", "export", "ground_map"},
     "live_controller": {"state", "scene", "charts", "panels", "controller"},
     "page": {"state", "scene", "server", "panels", "controller", "replay_controller", "live_controller"},

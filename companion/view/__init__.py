@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes
-from companion.view.state.feed import Feed, Judgement, LinkState, Seen, StreamState
+from companion.view.state.feed import Feed, LinkState, LiveVerdict, Seen, StreamState
 from companion.view.state.marks import Mark
 from companion.view.state.places import best_path
 from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, Worst, display_trajectory, worst_stretch
@@ -39,8 +39,8 @@ __all__ = [
     "DisplayTrajectory",
     "Examine",
     "Feed",
-    "Judgement",
     "LinkState",
+    "LiveVerdict",
     "LiveViewer",
     "Mark",
     "Offer",

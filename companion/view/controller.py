@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Protocol
 
 import numpy as np
 import viser
 
 from companion.present import palette
 from companion.view.browsers import Browsers
+from companion.view.charts.chart_pages import ChartPages, LiveCharts
 from companion.view.panels.controls import Controls
-from companion.view.scene.cameras import FIELD_OF_VIEW, Framing, camera, grid_cell, readable_span, screen_up
+from companion.view.scene.cameras import Framing, grid_cell, readable_span, screen_up
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.choice import EXTRA_PATHS, SHOWN, CameraMode, TrailSpan
@@ -25,17 +25,10 @@ _APART = 0.4  # s between a chart's new size and its new data: a slow page must 
 SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
 
 
-class Charts(Protocol):
-    """Those beside the picture."""
-
-    def relayout(self) -> None:
-        """Make every browser lay its charts out again; see Chart.relayout."""
-
-
 class Controller:
     """Built when the server is up; from then on only the view thread may call it."""
 
-    charts: Charts
+    charts: ChartPages | LiveCharts
 
     def __init__(
         self,
@@ -55,7 +48,7 @@ class Controller:
         trails: by their names, the first is chosen; expects: whether it is known how far the autopilot should be, and
         the ellipsoid can be drawn; map_host: whose map can be laid under the flight, "" for none; rates: see `Cadence`.
         """
-        self._server, self._mode, self.drone, self._trails = server, mode, drone, trails
+        self._server, self.drone, self._trails = server, drone, trails
         self.is_due = Cadence(trails=8.0, **rates)
         self._laying_out: list[float] = []
         self.joined_at = 0.0  # s of the steady clock, when a page was opened last
@@ -73,7 +66,7 @@ class Controller:
                 "Map of the ground",
                 False,
                 visible=bool(map_host),
-                hint=f"Asks {map_host} for pictures of the ground there. Nothing is asked before",
+                hint=f"Fetches pictures of the ground from {map_host}. Nothing is fetched before",
             )
             self._size = gui.add_dropdown("Drones", tuple(SIZES))
             self._ellipsoid = gui.add_checkbox(
@@ -87,9 +80,8 @@ class Controller:
         controls.on_change(self._trail, lambda _: self.is_due.at_once("trails"))
         controls.on_change(self.arrows, lambda _: setattr(self, "stale", True))
         controls.on_change(self._dark, lambda _: self._theme())
-        self.browsers = Browsers(server, folder, controls, self.choose_camera, mode=mode)
+        self.browsers = Browsers(server, folder, controls, self.choose_camera, mode, framing)
         self._theme()
-        self.place(framing)
 
     def turn(self, now: float, dt: float) -> None:
         """Draw: at `now`, s of a steady clock, `dt` s after the last time."""
@@ -102,9 +94,9 @@ class Controller:
         """End whatever works beside the view thread."""
 
     def visit(self, t: str, imu: str, *, again: bool) -> None:
-        """Somebody opens an address that asks for an instant (s, boot clock) and an IMU. Untrusted text; "" for none.
+        """An address is opened that requests an instant (s, boot clock) and an IMU. Untrusted text; "" for none.
 
-        again: nobody has asked; the page remembers what it showed last of this log.
+        again: not by the user: the page remembers what it showed last of this log.
         """
 
     @contextlib.contextmanager
@@ -115,25 +107,14 @@ class Controller:
 
     def join(self, browser: int) -> None:
         """A page has been opened."""
-        self.browsers.join(browser, self.framing)
+        self.browsers.join(browser)
         self.stale = True
         self.joined_at = time.monotonic()
         self._laying_out = [self.joined_at + s for s in _LAID_OUT]
 
-    def place(self, framing: Framing) -> None:
-        """Where new browsers begin from now on."""
-        self.framing = framing
-        view, initial = camera(self._mode, framing), self._server.initial_camera
-        initial.position, initial.look_at = view.position, view.look_at
-        initial.near, initial.far, initial.fov = view.near, view.far, float(FIELD_OF_VIEW)
-
-    def reframe(self) -> None:
-        """Take every camera to where it begins."""
-        self.browsers.reframe(self.framing)
-
     def choose_camera(self, browser: int, mode: CameraMode) -> None:
         """Move one browser's camera otherwise."""
-        self.browsers.choose(browser, mode, self.framing)
+        self.browsers.choose(browser, mode)
         self.stale = True
 
     @property
@@ -150,7 +131,7 @@ class Controller:
 
     def annotate(self, sample: Sample) -> float:
         """What a reader needs less often than an eye: names, sizes, the grid. Returns how large a drone is drawn, m."""
-        eye, pose = self.browsers.last_moved(self.framing)
+        eye, pose = self.browsers.last_moved()
         target = pose.apply(sample.position_ref)
         apart = pose.apply(sample.position_imu) - target
         distance, size = float(np.linalg.norm(eye - target)), SIZES.get(self._size.value, 1.0)
@@ -173,7 +154,7 @@ class Controller:
         if left <= 0:
             self._laying_out.pop(0)
             self.charts.relayout()
-            self.browsers.settle(self.framing)
+            self.browsers.settle()
             self.is_due.wait("charts", now + _APART)
         elif left >= _APART and self.is_due("charts", now):
             draw()

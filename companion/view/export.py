@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import viser
 from PIL import Image
+from viser.infra._infra import _remap_binary_placeholder_indices
 
 from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
-from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
-from companion.view.scene.recording import Recording
+from companion.view.scene.cameras import camera, frame, readable_span
+from companion.view.scene.drone import Move
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
@@ -80,9 +82,7 @@ def page(
     server = open_server(Address("127.0.0.1", 0, loopback=True, token=new_token()))
     try:
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
-            first = server.initial_camera
-            first.position, first.look_at = view.position, view.look_at
-            first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
+            view.begin(server.initial_camera)
             scene = Scene(server.scene, drone)
             scene.load(display, framing, drone, colours or {}, home)
             scene.trails(-np.inf, np.inf)
@@ -101,11 +101,65 @@ def page(
         close_server(server)
 
 
+_FLOAT32 = np.dtype(np.float32).str
+_POSES = {"wxyz": "SetOrientationMessage", "position": "SetPositionMessage"}
+
+
+class Recording:
+    """A scene from now on, as one HTML page with a player. Moves are given to it; other changes it sees by itself."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._recorded = recorded = server.get_scene_serializer()
+        self._places: dict[bytes, int] = {}  # of the bytes of a buffer, in the recording
+        buffers, recorded._binary_buffers = recorded._binary_buffers, []
+        places = [self._place(buffer) for buffer in buffers]
+        for _, message in recorded._messages:
+            _remap_binary_placeholder_indices(message, places)
+
+    def add(self, moves: Iterable[Move]) -> None:
+        """Record moves of this instant, without a write to the server, to which nobody listens.
+
+        Messages as viser 1.1 records them: its handles take twenty times as long to come to the same, and there are
+        seven in each picture.
+        """
+        when, messages = self._recorded._time, self._recorded._messages
+        for node, name, value in moves:
+            # float32, of which the browser's numbers are made: the digits behind only make the file larger.
+            rounded = value.astype(np.float32)
+            message: dict[str, object]
+            if name == "points":
+                message = {"type": "SceneNodeUpdateMessage", "updates": {name: self._buffered(rounded)}}
+            else:
+                message = {"type": _POSES[name], name: rounded.tolist()}
+            message["name"], message["owner"] = node.name, ""
+            messages.append((when, message))
+
+    def wait(self, seconds: float) -> None:
+        """What follows is shown so much later."""
+        self._recorded.insert_sleep(seconds)
+
+    def html(self, *, dark: bool) -> str:
+        """The page. To be called once."""
+        return self._recorded.as_html(dark_mode=dark)
+
+    def _buffered(self, array: np.ndarray[Any, Any]) -> dict[str, object]:
+        """Where the bytes of an array are in the recording."""
+        return {"__binary_index": self._place(array.data), "dtype": _FLOAT32}
+
+    def _place(self, buffer: memoryview) -> int:
+        """Where these bytes are, each kept once: what is there twice viser looks for in every message at the end."""
+        buffers = self._recorded._binary_buffers
+        place = self._places.setdefault(bytes(buffer), len(buffers))
+        if place == len(buffers):
+            buffers.append(buffer)
+        return place
+
+
 PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
 
 
 class Saver:
-    """What is asked of it is done one at a time. complain: told why something could not be saved."""
+    """Makes one file at a time. complain: called with why something could not be saved."""
 
     def __init__(self, complain: Callable[[str], object]) -> None:
         self._complain, self._turn = complain, threading.Lock()
@@ -126,7 +180,7 @@ class Saver:
         self._running.append(begin("save", work))
 
     def poll(self) -> None:
-        """Say what has gone wrong. An error that is none of the browser's is raised here."""
+        """Report what has gone wrong. An error that is none of the browser's is raised here."""
         for done in [future for future in self._running if future.done()]:
             self._running.remove(done)
             if why := done.result():

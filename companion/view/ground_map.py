@@ -1,6 +1,6 @@
-"""A map under the flight, for who has asked for one: tiles of a server on the network, kept on the disk for a while.
+"""A map under the flight, on request: tiles of a server on the network, kept on the disk for a while.
 
-Nothing is fetched before somebody asks.
+Nothing is fetched before it is requested.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TIMEOUT_S = 20.0
 _TILE_S = 6.0
 _MOST_BYTES = 2_000_000  # of a tile
 _PIXELS = 256
-_FRESH_S = 14 * 86400.0  # a tile is asked for again then; OpenStreetMap's policy is a week at least
+_FRESH_S = 14 * 86400.0  # a tile is requested again then; OpenStreetMap's policy is a week at least
 _MOST_KEPT = 500  # tiles
 _LEAST_M = 80.0  # of ground on each side of a vehicle that stands still
 _KINDS = ("PNG", "JPEG", "WEBP")
@@ -62,7 +62,7 @@ def check_url(url: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Of which a map is asked for."""
+    """Of which a map is requested."""
 
     flight: Flight
     low: Array  # (3,) NED, m
@@ -72,8 +72,8 @@ class Ground:
 class MapLayer:
     """The map of a replay: fetched in a thread of its own, of which only the newest order counts.
 
-    lay: given the picture, or None to take it away; report: told whether a map is shown or on its way; complain: told
-    why there is none.
+    lay: called with the picture, or None to take it away; report: with whether a map is shown or on its way; complain:
+    with why there is none.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class _Store:
     def tile(self, zoom: int, x: int, y: int, end: float) -> Pixels:
         """(256, 256, 3). end: of a monotonic clock, until when the server may take."""
         kept = self._folder / f"{self._mark}-{zoom}-{x}-{y}"
-        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is asked for
+        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is requested
             if time.time() - kept.stat().st_mtime < _FRESH_S:
                 return _decoded(kept.read_bytes())
         data = _fetched(self._url.replace("{z}", str(zoom)).replace("{x}", str(x)).replace("{y}", str(y)), end)
@@ -181,9 +181,9 @@ def _fetched(url: str, end: float) -> bytes:
     left = end - time.monotonic()
     if left <= 0:
         raise InputError(f"No map: {host} is too slow. Try again: what has come is kept.")
-    asked = urllib.request.Request(url, headers={"User-Agent": _user_agent()})
+    request = urllib.request.Request(url, headers={"User-Agent": _user_agent()})
     try:
-        with urllib.request.urlopen(asked, timeout=min(_TILE_S, left)) as answer:
+        with urllib.request.urlopen(request, timeout=min(_TILE_S, left)) as answer:
             data: bytes = answer.read(_MOST_BYTES + 1)
     except urllib.error.HTTPError as error:
         error.close()

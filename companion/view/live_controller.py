@@ -1,4 +1,4 @@
-"""What stands behind the live page: where the vehicle is now, what is held of the past, what the browsers hear of it.
+"""What stands behind the live page: where the vehicle is now, what is kept of the past, what the browsers show of it.
 
 Everything here runs in the view thread, which alone writes to viser and alone looks at the feed.
 """
@@ -15,6 +15,7 @@ from companion.model import Array, DataError
 from companion.present import vehicle_words
 from companion.view.charts.chart_pages import LiveCharts
 from companion.view.controller import Controller
+from companion.view.panels import live_text
 from companion.view.panels.controls import Controls, Post, bounded, dock
 from companion.view.panels.live_panel import LivePanel
 from companion.view.scene.cameras import frame
@@ -23,17 +24,14 @@ from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.feed import Feed, Seen
 from companion.view.state.history import History, Past, free_errors, present
+from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 LOOK_HZ = 12.5
 TURN_HZ = 13.7  # at most: a turn begins when something has arrived, which what is gathered for does 12.5 times a second
 _LATE_S = 0.03  # longer than that nothing is waited for: a turn without anything new costs as much as one with it
 ALONE_HZ = 4.0  # looks while no browser is open
-TRAILS = {
-    "Last 30 s": TrailSpan(30.0),
-    "Last 2 minutes": TrailSpan(120.0),
-    "Everything kept": TrailSpan(None),
-}
+TRAILS = {"Last 30 s": TrailSpan(30.0), "Last 2 minutes": TrailSpan(120.0), "Everything kept": TrailSpan(None)}
 _SUNK_M = 0.5  # below the ground before the ground gives way
 
 
@@ -134,7 +132,7 @@ class LiveController(Controller):
         """Move one browser's camera, so that it sees all that has been flown: with the ground where it is."""
         flown = self._history.positions()
         if flown is not None:
-            self.place(replace(frame(*flown), ground=self.framing.ground))
+            self.browsers.place(replace(frame(*flown), ground=self.browsers.framing.ground))
         super().choose_camera(browser, mode)
 
     def _take(self, seen: Seen) -> None:
@@ -151,8 +149,8 @@ class LiveController(Controller):
         self._display = display
         if display.replay.has_position:
             low = float(display.replay.position_ref[-1, 2])
-            if low > self.framing.ground + _SUNK_M:
-                self.framing = replace(self.framing, ground=low)
+            if low > self.browsers.framing.ground + _SUNK_M:
+                self.browsers.framing = replace(self.browsers.framing, ground=low)
                 self.scene.ground.sink(low)
         self._live_trails.add(display, seen.free)
         free = seen.free
@@ -171,11 +169,11 @@ class LiveController(Controller):
         """The world of this vehicle; anew when its first position comes after its first attitude."""
         self._live_trails.clear()
         ground = np.array([*display.replay.position_ref[-1, :2], max(0.0, float(display.replay.position_ref[-1, 2]))])
-        self.place(frame(np.vstack([seen.replay.position_ref, ground])))
-        self.scene.load(display, self.framing, self.drone, whole=False)
+        self.browsers.place(frame(np.vstack([seen.replay.position_ref, ground])))
+        self.scene.load(display, self.browsers.framing, self.drone, whole=False)
         for drone in (self.scene.imu, self.scene.autopilot):
             drone.place.visible = True
-        self.reframe()
+        self.browsers.reframe()
 
     def _introduce(self, seen: Seen, display: DisplayTrajectory) -> None:
         vehicle = seen.flight.vehicle
@@ -215,13 +213,15 @@ class LiveController(Controller):
             self._live_trails.resize(self.annotate(sample))
             free, age, _ = self._free_now()
             silent = self._held is None and bool(self._feed.link.problem)
-            self._panel.show(sample, free, age, has_position=self._display.replay.has_position, silent=silent)
+            has_position = self._display.replay.has_position
+            numbers = live_text.numbers(sample, free, age, has_position=has_position, silent=silent)
+            update(self._panel.numbers, content=numbers)
         held_s = None if self._held is None or self._display is None or sample is None else self._display.end - sample.t
         self._panel.report(self._feed, held_s)
 
     def _chart(self) -> None:
         if self._held is not None:
             past, at = self._held
-            self._charts.show(past.curves, at, self._feed.judgement)
+            self._charts.show(past.curves, at, self._feed.verdict)
         elif len(self._history) > 1 and self.browsers:
-            self._charts.show(self._history.curves(), 0.0, self._feed.judgement)
+            self._charts.show(self._history.curves(), 0.0, self._feed.verdict)

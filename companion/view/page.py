@@ -34,7 +34,7 @@ class Page(Generic[Behind]):
     """A web page. A resource: close it, or use it in a `with` block.
 
     build: makes what stands behind the page, once the server is up. or_next: where the port is taken, the next that is
-    free. token: to be asked for on 127.0.0.1 too. Raises InputError for an address that is none.
+    free. token: required on 127.0.0.1 too. Raises InputError for an address that is none.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Page(Generic[Behind]):
             raise failure
 
     def _attempt(self, call: Call) -> None:
-        """Do what a control of a page asks for, if it can be done: no browser ends the page for all."""
+        """Do what a control of a page requests, if it can be done: no browser ends the page for all."""
         try:
             call()
         except Exception as error:  # noqa: BLE001
@@ -203,8 +203,8 @@ class Viewer(Page[ReplayController]):
         if not flights:
             raise InputError("There is no flight to show.")
         chosen = flights[flight]
-        wanted = choice or ReplayChoice()
-        first = wanted if wanted.imu else replace(wanted, imu=chosen.default_imu)
+        requested = choice or ReplayChoice()
+        first = requested if requested.imu else replace(requested, imu=chosen.default_imu)
         display = recompute(chosen, first)
         super().__init__(
             host,

@@ -1,4 +1,4 @@
-"""What stands behind the page: the flight shown, the clock, and the order in which the browser hears of a change.
+"""What stands behind the page: the flight shown, the clock, and the order in which the browsers get a change.
 
 Everything here runs in the view thread, which alone writes to viser.
 """
@@ -73,7 +73,7 @@ class ReplayController(Controller):
         self._saver = Saver(self._complain)
         self.player = player = Player(display.start, display.end)
         self._trouble = False
-        self._visited = False  # whether an address has asked for an instant or an IMU
+        self._visited = False  # whether an address has requested an instant or an IMU
         controls, gui = Controls(server.gui, post), server.gui
         # A phone shows the panels one below the other, in this order.
         self._panel = Panel(controls, flights, self.pick_flight)
@@ -143,7 +143,7 @@ class ReplayController(Controller):
             self._compute(other, replace(self._requested, imu=other.default_imu, others=(), start_s=None))
 
     def visit(self, t: str, imu: str, *, again: bool) -> None:
-        """Show what an address asks for, as far as there is such a thing; what a page remembers, where all is new."""
+        """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
         if again and (self._visited or len(self.browsers) > 1 or self.player.time > self.player.start):
             return
         self._visited = True
@@ -162,7 +162,7 @@ class ReplayController(Controller):
                 self.player.go(t)
 
     def _show_map(self, shown: bool) -> None:
-        self._map.show(shown, self._flight, self.framing)
+        self._map.show(shown, self._flight, self.browsers.framing)
 
     def _report_map(self, shown: bool) -> None:
         if self.map_box.value != shown:
@@ -214,7 +214,7 @@ class ReplayController(Controller):
         self._load()
         self._examine()
         if other_flight:
-            self.reframe()
+            self.browsers.reframe()
             self._show_map(self._map.shown)
 
     def _compute(self, flight: Flight, choice: ReplayChoice) -> None:
@@ -249,9 +249,9 @@ class ReplayController(Controller):
     def _load(self) -> None:
         """Lay out everything that stays the same until the next dead reckoning."""
         self.drone = drone_for(self._flight.vehicle.type)
-        self.place(frame_of(self._display))
+        self.browsers.place(frame_of(self._display))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
-        self.scene.load(self._display, self.framing, self.drone, self._colours, self._home)
+        self.scene.load(self._display, self.browsers.framing, self.drone, self._colours, self._home)
         self._wait("Analysis in progress.")
         self._say()
 
@@ -260,14 +260,14 @@ class ReplayController(Controller):
         self._panel.wait(why)
 
     def _say(self) -> None:
-        """Lay out what is said of the display_trajectory beside the picture."""
+        """Lay out what stands beside the picture."""
         display, result = self._display, self._display.result
         marks = text_marks(self._flight)
         if result is not None:
             marks = sorted([*marks, *result.marks], key=lambda mark: mark.t)
         best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
-        self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.framing.distance)
+        self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
         self._part = (self.player.start, self.player.end)
         self._charts.load(display, self._flight, self._colours, self._part)
         self._panel.load(self._flight, display)

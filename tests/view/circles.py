@@ -57,9 +57,9 @@ def make_flight(radius: float = 40.0, sysid: int = 1, duration: float = DURATION
 
 
 def recompute(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
-    """`reckon`, as the viewer asks for it."""
-    others = {name: reckon(flight, choice, worse=1.5) for name in choice.others}
-    return display_trajectory(reckon(flight, choice), chosen_track(flight, choice), others)
+    """`dead_reckon`, as the viewer asks for it."""
+    others = {name: dead_reckon(flight, choice, worse=1.5) for name in choice.others}
+    return display_trajectory(dead_reckon(flight, choice), chosen_track(flight, choice), others)
 
 
 def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
@@ -71,7 +71,7 @@ def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) ->
     return AnalysisResult(found, over, choice.horizon_s, expected=expected)
 
 
-def reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:
+def dead_reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:
     """A stand-in for the analysis: errors that grow with the time since the anchor, faster with Euler."""
     if flight.attitude is None or flight.position is None:
         raise DataError("This flight has no attitude. Record one with ATTITUDE.")

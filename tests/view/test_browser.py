@@ -30,7 +30,7 @@ from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
-from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
+from tests.view.circles import BOOT, dead_reckon, examine, make_flight, recompute
 from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.browser
@@ -54,7 +54,7 @@ def cursor(page: Page) -> float:
 
 
 def hear_all(page: Page, viewer: Viewer, t: float) -> None:
-    """Go to t s and wait until the charts say so: what the page was told before it has heard too."""
+    """Go to t s and wait until the charts say so: what the page was sent before has arrived too."""
     viewer.post(partial(viewer.player.seek, t))
     until(lambda: abs(cursor(page) - t) < 0.2, "the instant in the charts")
 
@@ -135,7 +135,7 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.keyboard.press("Home")
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
-        flown = reckon(flight, ReplayChoice())
+        flown = dead_reckon(flight, ReplayChoice())
 
         def clicked() -> bool:
             """The picture may be drawn anew under the pointer: a click that nothing hears is made again."""
@@ -152,43 +152,43 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
 
 
 def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
-    asked: list[ReplayChoice] = []
+    requested: list[ReplayChoice] = []
     seen = threading.Event()
 
     def listen(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
-        asked.append(choice)
-        if choice.how.method == "euler" and len(asked) == 2:
+        requested.append(choice)
+        if choice.how.method == "euler" and len(requested) == 2:
             seen.wait(LIMIT_S)  # longer work
         return recompute(flight, choice)
 
     with Viewer([flight], listen, examine) as viewer:  # loaded anew: of the last server the page keeps what was typed
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
-        until(lambda: asked[-1].how.method == "euler", "the integrator")
+        until(lambda: requested[-1].how.method == "euler", "the integrator")
         expect(page.get_by_text(re.compile(r"Recomputing for \d+ s"))).to_be_visible()
         seen.set()
         expect(page.get_by_text("Recomputing for")).to_have_count(0)  # done
         choose(page, "IMU", "SCALED_IMU2")
-        until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
+        until(lambda: requested[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Interpolation", "Linear")
-        until(lambda: asked[-1].how.middle == "linear", "the middle sample")
+        until(lambda: requested[-1].how.middle == "linear", "the middle sample")
         page.get_by_role("button", name="+10", exact=True).click()
         page.get_by_role("button", name="Start from the instant shown").click()
-        until(lambda: asked[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
+        until(lambda: requested[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
         page.get_by_role("textbox", name="Segments").fill("4")
-        until(lambda: asked[-1].how.segments == 4, "the segments")
+        until(lambda: requested[-1].how.segments == 4, "the segments")
         choose(page, "Gravity, m/s²", "Where it flew (WGS-84)")
-        until(lambda: asked[-1].gravity == "normal", "the gravity")
+        until(lambda: requested[-1].gravity == "normal", "the gravity")
         page.get_by_text("Subtract a bias from the IMU").click()
         label = f"//label[.='Gyro forward, {GYRO_UNIT}']"
         row = f"xpath={label}/ancestor::div[contains(@class,'Flex')][1]//input[@type='text']"
         page.locator(row).fill("3")
-        until(lambda: asked[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
+        until(lambda: requested[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
         page.get_by_role("button", name="No bias").click()
-        until(lambda: asked[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
+        until(lambda: requested[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
         page.get_by_role("checkbox", name="Re-anchor").click()
-        until(lambda: asked[-1].reanchor_s is None, "free running")
+        until(lambda: requested[-1].reanchor_s is None, "free running")
         page.get_by_role("button", name="+10", exact=True).click()
         expect(page.get_by_role("cell", name="10.0 s", exact=True)).to_be_visible()
         choose(page, "Camera", "Follow")
@@ -211,8 +211,8 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
 
 def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
-    said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
-    speaking = replace(flight, texts=said, parameters={evil: 1.0})
+    reported = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
+    speaking = replace(flight, texts=reported, parameters={evil: 1.0})
 
     def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
         result = examine(flight, choice, display)
@@ -306,7 +306,7 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
     page = wide_page
 
     def with_a_gap(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
-        replay = reckon(flight, choice)
+        replay = dead_reckon(flight, choice)
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
         return display_trajectory(replace(replay, reference_valid=known), chosen_track(flight, choice))
 

@@ -73,10 +73,10 @@ def test_what_cannot_be_done_is_a_result_and_a_bug_is_raised() -> None:
 
 
 def test_a_choice_that_is_still_being_reckoned_is_not_forgotten(flight: Flight) -> None:
-    asked: list[ReplayChoice] = []
+    requested: list[ReplayChoice] = []
 
     def slow(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
-        asked.append(choice)
+        requested.append(choice)
         if choice.how.segments == 4:
             time.sleep(0.5)
         return recompute(flight, choice)
@@ -87,33 +87,33 @@ def test_a_choice_that_is_still_being_reckoned_is_not_forgotten(flight: Flight) 
         )
         viewer.post(partial(viewer.player.seek, 110.0))
         viewer.post(partial(viewer.controller.change, lambda choice: replace(choice, start_s=viewer.player.time)))
-        until(lambda: asked[-1].start_s == 110.0, "the start")
-        assert asked[-1].how.segments == 4
+        until(lambda: requested[-1].start_s == 110.0, "the start")
+        assert requested[-1].how.segments == 4
 
 
 def test_a_control_changes_nothing_else_that_was_asked_for(flight: Flight) -> None:
     """Until the answer is there the other controls still show what was before."""
-    asked: list[ReplayChoice] = []
+    requested: list[ReplayChoice] = []
     answered = threading.Event()
 
     def slow(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
-        asked.append(choice)
+        requested.append(choice)
         if choice.start_s is not None:
             answered.wait(LIMIT_S)
         return recompute(flight, choice)
 
     with Viewer([flight], slow, examine, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.told))
+        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.messages))
         viewer.post(partial(viewer.player.seek, 110.0))
         viewer.post(partial(viewer.controller.change, lambda choice: replace(choice, start_s=viewer.player.time)))
-        until(lambda: asked[-1].start_s == 110.0, "the start")
+        until(lambda: requested[-1].start_s == 110.0, "the start")
         page.choose("Segments", 4)
         page.choose("Integrator", "Euler (simplest)")
         page.choose("Gravity, m/s²", [1.0, 2.0])  # no name at all
         page.choose("Re-anchor", False)
         answered.set()
-        until(lambda: asked[-1].reanchor_s is None, "all of it")
-        assert (asked[-1].start_s, asked[-1].how.segments, asked[-1].how.method) == (110.0, 4, "euler")
+        until(lambda: requested[-1].reanchor_s is None, "all of it")
+        assert (requested[-1].start_s, requested[-1].how.segments, requested[-1].how.method) == (110.0, 4, "euler")
         until(lambda: viewer.player.start == 110.0, "the new interval")
 
 
@@ -124,10 +124,10 @@ def test_a_choice_that_cannot_be_shown_is_taken_back(flight: Flight) -> None:
         return recompute(flight, choice)
 
     with Viewer([flight], picky, examine, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.told))
+        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.messages))
         page.choose("Gravity, m/s²", "Where it flew (WGS-84)")
         uuid = page.control("Gravity, m/s²")["uuid"]
-        told = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": "9.80665 (standard)"}}
-        page.listen(lambda: any("no place" in str(one) for one in page.told))
-        said = next(i for i, one in enumerate(page.told) if "no place" in str(one))
-        page.listen(lambda: told in page.told[said:])
+        sent = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": "9.80665 (standard)"}}
+        page.listen(lambda: any("no place" in str(one) for one in page.messages))
+        reported = next(i for i, one in enumerate(page.messages) if "no place" in str(one))
+        page.listen(lambda: sent in page.messages[reported:])

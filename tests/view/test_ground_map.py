@@ -29,7 +29,7 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
-        self.asked: list[tuple[str, str]] = []
+        self.requested: list[tuple[str, str]] = []
         self.answer: bytes | int | None = None  # in place of a tile: this, or this status
 
     @property
@@ -41,7 +41,7 @@ class Handler(BaseHTTPRequestHandler):
     server: Server
 
     def do_GET(self) -> None:
-        self.server.asked.append((self.path, self.headers["User-Agent"]))
+        self.server.requested.append((self.path, self.headers["User-Agent"]))
         answer = self.server.answer
         self.send_response(answer if isinstance(answer, int) else 200)
         self.end_headers()
@@ -84,7 +84,7 @@ def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
     ground: Ground, server: Server, tmp_path: Path
 ) -> None:
     found = ground_map(ground, server.url, folder=tmp_path)
-    assert 1 <= len(server.asked) <= 16
+    assert 1 <= len(server.requested) <= 16
     low, high = found.centre - found.size / 2, found.centre + found.size / 2
     assert (low < ground.low[:2]).all()
     assert (high > ground.high[:2]).all()
@@ -99,10 +99,10 @@ def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
 
 def test_it_says_who_asks_and_asks_once(ground: Ground, server: Server, tmp_path: Path) -> None:
     first = ground_map(ground, server.url, folder=tmp_path)
-    assert all(agent.startswith("mavlink-companion/") for _, agent in server.asked)
-    asked = len(server.asked)
+    assert all(agent.startswith("mavlink-companion/") for _, agent in server.requested)
+    requested = len(server.requested)
     again = ground_map(ground, server.url, folder=tmp_path)
-    assert len(server.asked) == asked, "it is kept on the disk"
+    assert len(server.requested) == requested, "it is kept on the disk"
     assert (first.pixels == again.pixels).all()
     for kept in tmp_path.iterdir():
         kept.write_bytes(b"spoiled")
@@ -139,13 +139,13 @@ def test_offline_is_one_sentence(ground: Ground, tmp_path: Path) -> None:
 def test_a_slow_server_is_not_waited_for(ground: Ground, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too slow"):
         ground_map(ground, server.url, folder=tmp_path, timeout_s=0.0)
-    assert not server.asked
+    assert not server.requested
 
 
 def test_a_flight_of_unknown_place_asks_nobody(flight: Flight, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not tell where"):
         ground_map(Ground(flight, np.zeros(3), np.ones(3)), server.url, folder=tmp_path)
-    assert not server.asked
+    assert not server.requested
 
 
 def test_places_and_metres_are_inverse(ground: Ground) -> None:
@@ -165,11 +165,11 @@ def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, m
     flight = replace(make_flight(), origin=ZERO)
     assert flight.position is not None
     framing = frame(flight.position.position)
-    said: list[bool] = []
+    reported: list[bool] = []
     laid: list[MapPicture | None] = []
-    layer = MapLayer(server.url, laid.append, said.append, pytest.fail)
+    layer = MapLayer(server.url, laid.append, reported.append, pytest.fail)
     layer.poll()
-    assert not server.asked
+    assert not server.requested
     layer.show(True, flight, framing)
 
     def come() -> MapPicture | None:
@@ -177,7 +177,7 @@ def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, m
         return laid[-1]
 
     wait_for(come, "the map has come")
-    assert said == [True]
+    assert reported == [True]
     layer.show(False, flight, framing)
     assert laid[-1] is None
     layer.close()
@@ -189,9 +189,9 @@ def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, mo
     flight = replace(make_flight(), origin=ZERO)
     assert flight.position is not None
     server.answer = 404
-    said: list[bool] = []
+    reported: list[bool] = []
     why: list[str] = []
-    layer = MapLayer(server.url, lambda _: None, said.append, why.append)
+    layer = MapLayer(server.url, lambda _: None, reported.append, why.append)
     layer.show(True, flight, frame(flight.position.position))
 
     def heard() -> list[str]:
@@ -200,7 +200,7 @@ def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, mo
 
     wait_for(heard, "it says why")
     assert "refuses (404" in why[0]
-    assert (said, layer.shown) == ([True, False], False)
+    assert (reported, layer.shown) == ([True, False], False)
     layer.close()
 
 

@@ -25,11 +25,11 @@ def test_a_new_bias_is_on_the_screen() -> None:
     flight = long_flight()
     assert len(flight.imus["RAW_IMU"].t) == SECONDS * HZ
 
-    def reckon(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
+    def dead_reckon(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         track = chosen_track(flight, choice)
         return display_trajectory(replay(with_track(flight, track), imu=choice.imu), track)
 
-    with Viewer([flight], reckon, examine, port=0) as viewer:
+    with Viewer([flight], dead_reckon, examine, port=0) as viewer:
         viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         for i in range(1, 4):
             before = viewer.controller.scene.imu.position

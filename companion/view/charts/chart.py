@@ -19,7 +19,7 @@ from companion.view.state.decimation import Indices, extremes
 HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
 PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
-STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
+STYLE = (  # the line at the current instant is a series: its entry in the legend would be empty
     "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}"
     # A legend shows lines as they are drawn, and not boxes: see `legend_style`.
     ".uplot .u-legend .u-marker{width:18px!important;height:0!important;border-width:2px 0 0!important;"
@@ -46,7 +46,7 @@ class Line:
     values: Array  # (N,)
     width: float = 1.6  # pixels
     dash: Dash | None = None
-    said: bool = True  # whether its value stands in the title
+    in_title: bool = True  # whether its value stands in the title
     fill: float = 0.0  # opacity of the area between it and zero
 
     @property
@@ -113,7 +113,7 @@ class Chart:
         self._at = math.nan  # equal to nothing: the next line is sent
 
     def show(self, now: float, *, still: bool) -> None:
-        """Say the values at `now`, s, boot clock, and move the line there.
+        """Write the values at `now`, s, boot clock, and move the line there.
 
         Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
         """
@@ -123,8 +123,8 @@ class Chart:
         if still or self._passed >= PATIENCE or not abs(now - self._at) < (self._part[1] - self._part[0]) / SHARPNESS:
             self._at, self._passed = now, 0
             self.handle.data = self._drawn.at(now)
-        said = "".join(_key(line, now) for line in self._drawing.lines if line.said)
-        self._heading.content = self._legend + heading(self._drawing.title, said)
+        values = "".join(_key(line, now) for line in self._drawing.lines if line.in_title)
+        self._heading.content = self._legend + heading(self._drawing.title, values)
 
     def relayout(self) -> None:
         """See `relayout`."""
@@ -183,16 +183,16 @@ def legend_style(dashes: Sequence[Dash | None]) -> str:
     return f'<i class="{name}"></i><style>{rules}</style>'
 
 
-def heading(title: str, said: str) -> str:
-    """The row above a chart; `said` is markup."""
+def heading(title: str, values: str) -> str:
+    """The row above a chart; `values` is markup."""
     return (
         '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
-        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{said}</span></div>'
+        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{values}</span></div>'
     )
 
 
 def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
-    # The bounds said outright, so that the line's points never move them and a zoom stays where it is.
+    # The bounds are explicit, so that the line's points never move them and a zoom stays where it is.
     return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
 
 

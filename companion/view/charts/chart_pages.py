@@ -20,7 +20,7 @@ from companion.view.charts.flight_charts import (
 from companion.view.charts.log_charts import NOISE_TITLES, LogChart, LogDrawing, drift_drawings, noise_drawings
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block
-from companion.view.state.feed import Judgement
+from companion.view.state.feed import LiveVerdict
 from companion.view.state.history import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 
@@ -61,7 +61,7 @@ class ChartPages:
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
     ) -> None:
-        """Draw another reckoning, between two times (s, boot clock)."""
+        """Draw another trajectory, between two times (s, boot clock)."""
         self._display, self._flight, self._colours, self._part = display, flight, colours, part
         self._draw()
 
@@ -134,7 +134,7 @@ class LiveCharts:
         self._window, self._picked, self._free = window_s, picked, False
         self._charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
 
-    def show(self, curves: Curves, now: float, judgement: Judgement) -> None:
+    def show(self, curves: Curves, now: float, verdict: LiveVerdict) -> None:
         """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
         errors, known = curves.errors, curves.known
         if self._free:
@@ -145,7 +145,7 @@ class LiveCharts:
         drawings = errors_over_time(
             {"": errors},
             {"": palette.FREE if self._free else palette.IMU},
-            None if self._free else expected_over(curves, judgement),
+            None if self._free else expected_over(curves, verdict),
             (errors.t, known.astype(np.float64)),
             has_position=curves.has_position,
         )
@@ -163,9 +163,9 @@ class LiveCharts:
         self._picked()
 
 
-def expected_over(curves: Curves, judgement: Judgement) -> Envelope | None:
+def expected_over(curves: Curves, verdict: LiveVerdict) -> Envelope | None:
     """What is expected of the errors since the anchor; None where nothing is."""
-    if not judgement.expected:
+    if not verdict.expected:
         return None
-    ages, *columns = np.array(judgement.expected).T
+    ages, *columns = np.array(verdict.expected).T
     return Envelope(curves.errors.t, *(np.interp(curves.age, ages, column) for column in columns))

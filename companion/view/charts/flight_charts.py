@@ -46,7 +46,7 @@ def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing
         axes = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
         if track is not raw:
             axes += [
-                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, said=False)
+                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, in_title=False)
                 for axis, c, v in zip(AXES, palette.AXES, before.T, strict=True)
             ]
         return tuple(axes)
@@ -68,8 +68,10 @@ def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
         tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
     measured = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
     return [
-        Drawing("Messages a second", "Hz", tuple(Line(n, c, r.t, r.hz, 1.6, d, said=False) for n, c, d, r in measured)),
-        Drawing("Longest gap, s", "s", tuple(Line(n, c, r.t, r.gap_s, 1.6, d, said=False) for n, c, d, r in measured)),
+        Drawing(
+            title, unit, tuple(Line(n, c, r.t, getattr(r, part), 1.6, d, in_title=False) for n, c, d, r in measured)
+        )
+        for title, unit, part in (("Messages a second", "Hz", "hz"), ("Longest gap, s", "s", "gap_s"))
     ]
 
 
@@ -99,12 +101,13 @@ def errors_over_time(
                 if column == "heading_deg" and source != first:
                     continue
                 label = name if len(sources) == 1 else f"{source} {name}".strip()
-                said = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
-                drawn.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
+                values = getattr(errors, column)
+                room = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
+                drawn.append(Line(label, colours[source], errors.t, values, 1.7, dash, in_title=room))
         if envelope is not None:
             one = getattr(envelope, sigma)
-            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
-            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
+            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, in_title=False, fill=0.16))
+            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, in_title=False, fill=0.12))
         return tuple(drawn)
 
     attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}

@@ -46,13 +46,13 @@ def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
         armed.insert(0, Span(display.start, switched[0][0], "armed"))
     findings = display.result.assessment.verdict.findings if display.result else ()
-    said = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
+    found = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
     height = None
     if display.replay.has_position:
         some = np.unique(np.linspace(0, len(display.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
         down = display.replay.position_ref[some, 2]
         height = (display.replay.t[some], down.max() - down)
-    return Bands(tuple(modes), tuple(armed), said, height)
+    return Bands(tuple(modes), tuple(armed), found, height)
 
 
 def outside(spans: Iterable[Span], low: float, high: float) -> str:

@@ -75,8 +75,8 @@ class Controls:
     def on_change(self, handle: Any, do: Callable[[Any], object]) -> None:
         """Call `do` with the value that a browser gives an input; what this thread writes itself is no change.
 
-        A browser may send anything. The handle has its value before anybody is told, and `write` may come between:
-        then it is given back what the browser sent.
+        A browser may send anything. The handle has its value before its listener is called, and `write` may come
+        between: then it is given back what the browser sent.
         """
         one = _received[id(handle)] = _Received(handle.value)
         weakref.finalize(handle, _received.pop, id(handle), None)
@@ -157,7 +157,7 @@ def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
         panel.set_width(SIDE)
     gui.main_panel.dock_right()
     side.dock_left()
-    side.expand()  # on a phone, where panels are folded until somebody asks for them
+    side.expand()  # on a phone, where panels are folded until somebody opens them
 
 
 def key_of(options: Mapping[str, object], value: object) -> str:

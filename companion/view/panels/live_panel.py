@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import viser
@@ -13,7 +13,6 @@ from companion.view.panels.dead_reckoning import Change, integration_controls, o
 from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
 from companion.view.state.sending import update
-from companion.view.state.trajectory import Sample
 
 BEST = "Automatic"
 LONGEST_REANCHOR_S = 20.0
@@ -31,7 +30,7 @@ class LivePanel:
         change: Change,
         choose_camera: Callable[[int, CameraMode], object],
     ) -> None:
-        """What `pause`, `back` and `vehicle` do is said by whoever builds it."""
+        """What `pause`, `back` and `vehicle` do is up to whoever builds it."""
         gui = controls.gui
         self._vehicles: tuple[str, ...] = ()
         self._imus: tuple[str, ...] = (BEST,)
@@ -44,7 +43,7 @@ class LivePanel:
         )
         controls.cameras(choose_camera)
         self._legend = gui.add_html("")
-        self._numbers = gui.add_html("")
+        self.numbers = gui.add_html("")
         with gui.add_folder("Dead reckoning"):
             self.vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))
@@ -70,26 +69,20 @@ class LivePanel:
         controls.command("Anchor now", "A", feed.anchor_now)
 
     def introduce(self, vehicle: str, imus: tuple[str, ...], chosen: str | None, *, has_position: bool) -> None:
-        """Say who is shown, which IMUs it has and which of them was chosen; None: the page's own choice."""
+        """Show which vehicle it is, which IMUs it has and which of them was chosen; None: the page's own choice."""
         if self._imus != (BEST, *imus):
             self._imus = (BEST, *imus)
             self._imu.options = self._imus
             write(self._imu, chosen if chosen in imus else BEST)
         self._legend.content = live_text.legend(vehicle, has_position=has_position)
 
-    def show(
-        self, sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool
-    ) -> None:
-        """Write the instant into the numbers. silent: it is the last that was received, and not now."""
-        self._numbers.content = live_text.numbers(sample, free, free_age_s, has_position=has_position, silent=silent)
-
     def report(self, feed: Feed, held_s: float | None) -> None:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""
         state = feed.link
-        update(self._verdict, content=live_text.verdict(feed.judgement, state, feed.why_not))
+        update(self._verdict, content=live_text.verdict(feed.verdict, state, feed.why_not))
         update(self._link, content=live_text.link(state, feed.why_not, held_s))
         update(self._health, content=live_text.health(state))
-        update(self._drift, content=live_text.drift(feed.drift, feed.judgement))
+        update(self._drift, content=live_text.drift(feed.drift, feed.verdict))
         update(self._messages, content=live_text.messages(feed.messages))
         vehicles = tuple(feed.vehicles)
         if vehicles and vehicles != self._vehicles:

@@ -9,16 +9,16 @@ from html import escape
 from companion.analysis import DriftRow, Statistic
 from companion.present import palette, words
 from companion.view.panels.markup import badge, banner, block, colour_of, lines, row, swatch, table, trouble, waiting
-from companion.view.state.feed import Judgement, LinkState
+from companion.view.state.feed import LinkState, LiveVerdict
 from companion.view.state.trajectory import Sample
 
 _OLD_S = 5.0  # from which age on a verdict says how old it is
 
 
-def verdict(judgement: Judgement, state: LinkState, why_not: str) -> str:
+def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
-    if judgement.status and not state.problem:
-        return banner(judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
+    if now.status and not state.problem:
+        return banner(now.status, now.text + _age(now), stale=_is_stale(now))
     if state.problem:
         return waiting(f"NO VERDICT – {state.problem}")
     return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
@@ -107,10 +107,10 @@ def health(state: LinkState) -> str:
     return table(("Message", "received / requested", ""), rows) + block(lines(rest))
 
 
-def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
+def drift(rows: Sequence[DriftRow], now: LiveVerdict) -> str:
     """The verdicts now and so far, and the drift table: medians."""
-    head = _verdict("Now", judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
-    head += _verdict("So far", judgement.status_so_far, judgement.text_so_far)
+    head = _verdict("Now", now.status, now.text + _age(now), stale=_is_stale(now))
+    head += _verdict("So far", now.status_so_far, now.text_so_far)
     measured = (
         row((f"{r.horizon_s:g} s", r.windows, _median(r.attitude_deg, "°"), _median(r.position_m, " m")))
         for r in rows
@@ -124,13 +124,13 @@ def _verdict(when: str, status: str, text: str, *, stale: bool = False) -> str:
     return lines([head, escape(text)]) if text else ""
 
 
-def _age(judgement: Judgement) -> str:
+def _age(now: LiveVerdict) -> str:
     """How old a verdict is, where that matters."""
-    return f" (as of {judgement.age_s:.0f} s ago)" if _is_stale(judgement) else ""
+    return f" (as of {now.age_s:.0f} s ago)" if _is_stale(now) else ""
 
 
-def _is_stale(judgement: Judgement) -> bool:
-    return judgement.age_s > _OLD_S
+def _is_stale(now: LiveVerdict) -> bool:
+    return now.age_s > _OLD_S
 
 
 def messages(sentences: Sequence[str]) -> str:

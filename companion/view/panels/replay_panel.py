@@ -43,7 +43,7 @@ class Panel:
     def introduce(
         self, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]
     ) -> None:
-        """Say who is who. extra_paths: those that are shown besides."""
+        """Write the legend. extra_paths: those that are shown besides."""
         self._legend.content = _legend(self._flight, display, colours, extra_paths)
 
     def wait(self, text: str) -> None:
@@ -51,7 +51,7 @@ class Panel:
         self._banner.content = waiting(text)
 
     def choose_flight(self, flight: Flight) -> None:
-        """Say which flight is shown: another may have been asked for in vain."""
+        """Show which flight it is: another may have been requested in vain."""
         write(self._pick, self._names[id(flight)])
 
     def show(self, sample: Sample, display: DisplayTrajectory, cell: float) -> None:
@@ -59,7 +59,7 @@ class Panel:
         self._numbers.content = _numbers(sample, display, sample.t - self._flight.start, cell)
 
     def status(self, text: str, *, trouble: bool = False) -> None:
-        """Say what the reckoning is doing, or why it failed. `text` may hold anything."""
+        """Report progress, or why something failed. `text` may hold anything."""
         colour = "var(--companion-trouble)" if trouble else "inherit"
         update(self._status, content=block(escape(text), f"color:{colour}") if text else "")
 

@@ -43,7 +43,7 @@ _LINK = (  # see page_head.js
 TENTHS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 NO_MARK = "choose an event"
 MOST_ANCHORS = 100  # ticks; more than that is a grey bar
-MOST_MARKS = 300  # in the list of events; a talkative vehicle says thousands of things
+MOST_MARKS = 300  # in the list of events; a talkative vehicle sends thousands of texts
 
 
 class Timeline:

@@ -43,11 +43,11 @@ class FindingsTab:
         self._more = gui.add_html("", visible=False)
 
     def wait(self, text: str) -> None:
-        """Say that the analysis is at work, or why there is none. `text` may hold anything."""
+        """Report that the analysis is in progress, or why there is none. `text` may hold anything."""
         _write(self._status, [text])
 
     def load(self, result: AnalysisResult | None, outside: str) -> None:
-        """Show what the analysis says; None: nothing yet. outside: which findings the replay does not reach."""
+        """Show the analysis; None: there is none yet. outside: which findings the replay does not reach."""
         verdict = result.assessment.verdict if result else None
         findings = verdict.findings if verdict else ()
         groups, more = ranked(findings)
@@ -73,7 +73,7 @@ class DriftTab:
         self._tables = gui.add_html("")
 
     def load(self, result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> None:
-        """Show what the analysis says; None: nothing yet."""
+        """Show the analysis; None: there is none yet."""
         if result is None:
             self._tables.content = block("Analysis in progress.")
             return

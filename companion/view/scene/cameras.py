@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
+import viser
 
 from companion.model import Array
 from companion.strapdown import quaternion
@@ -70,6 +71,9 @@ class Pose:
         return Pose(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]), np.zeros(3)).apply(direction)
 
 
+UNMOVED = Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
     """A standpoint in the browser's world, m, with its clipping planes."""
@@ -78,6 +82,11 @@ class Camera:
     look_at: Array  # (3,)
     near: float
     far: float
+
+    def begin(self, initial: viser.InitialCameraConfig) -> None:
+        """Let a page begin here."""
+        initial.position, initial.look_at = self.position, self.look_at
+        initial.near, initial.far, initial.fov = self.near, self.far, float(FIELD_OF_VIEW)
 
 
 def frame(positions: Array, others: Array | None = None) -> Framing:
@@ -96,7 +105,7 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
 
 
 def frame_of(display: DisplayTrajectory) -> Framing:
-    """The room of a reckoning; without a position both drones hang in the air above the origin."""
+    """The room of a trajectory; without a position both drones hang in the air above the origin."""
     framing = frame(display.replay.position_ref, display.replay.position_imu)
     return framing if display.replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
@@ -112,8 +121,8 @@ def grid_cell(distance: float, cell: float) -> float:
 
     A tenth of the distance, and no change before it is worth one: at a border between two sizes it must not flicker.
     """
-    wanted = max(distance, 1e-3) / 10
-    return cell if cell > 0 and cell / 1.25 < wanted < 3.0 * cell else nice(wanted)
+    side = max(distance, 1e-3) / 10
+    return cell if cell > 0 and cell / 1.25 < side < 3.0 * cell else nice(side)
 
 
 def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camera:
@@ -149,8 +158,8 @@ def world(mode: CameraMode, sample: Sample) -> Pose:
     between both.
     """
     if mode in STILL:
-        return Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    turn = np.array([1.0, 0.0, 0.0, 0.0])
+        return UNMOVED
+    turn = UNMOVED.wxyz
     if mode == "Chase":
         half = -heading(sample.q_ref) / 2
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])

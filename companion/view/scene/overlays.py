@@ -25,7 +25,7 @@ def arrow_length(speed: float, fastest: float) -> float:
 
 
 class Arrows:
-    """The velocity of both in their own colours, and gravity at the IMU's. Hidden until asked for."""
+    """The velocity of both in their own colours, and gravity at the IMU's. Hidden until chosen."""
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         nothing = np.zeros((1, 2, 3))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import viser
@@ -47,13 +47,11 @@ class Scene:
         self.extra_paths = ExtraPaths(scene, f"{WORLD}/extra")
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
         self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
-        self._trails = {
-            "autopilot": Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER),
-            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5),
-        }
+        self._trail = Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER)
+        # Of the IMU that is chosen, then of the others: as many as were ever shown at once, reused.
+        self._imus = [(self.imu, Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5))]
         self._scene, self._label = scene, "IMU"
-        self._others: list[tuple[Body, Trail]] = []
-        self._films: list[DisplayTrajectory] = []
+        self._others: Sequence[DisplayTrajectory] = ()
         # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
         self._error = AttachedLine(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
         self._error_name = scene.add_label(
@@ -77,56 +75,48 @@ class Scene:
         *,
         whole: bool = True,
     ) -> None:
-        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known.
+        """Lay out another trajectory. colours: of each IMU message; home: NED, m, where it is known.
 
         whole: whether `display` is all that is flown, so that it can be drawn at once.
         """
         replay, source = display.replay, display.source
         colours = colours or {}
         colour = colours.get(source, palette.IMU)
-        self._label = source
+        self._label, self._has_position = source, replay.has_position
         self.autopilot.reshape(drone, palette.AUTOPILOT)
-        self.imu.reshape(drone, colour)
         self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()), colour)
         self.expected.load(colour)
-        self._has_position = replay.has_position
         known = replay.has_position
         self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
-        outlines = {
-            "imu": by_shape(replay.position_imu, OUTLINE),
-            "autopilot": by_shape(replay.position_ref, OUTLINE),
-        }
-        autopilot, imu = self._trails["autopilot"], self._trails["imu"]
-        autopilot.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
-        imu.load(replay.t, replay.position_imu, display.restarts, colour, outlines["imu"])
+        outlines = {"imu": by_shape(replay.position_imu, OUTLINE), "autopilot": by_shape(replay.position_ref, OUTLINE)}
+        self._trail.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
         if whole:
             self.overview.load(display, colour, outlines)
         for line in (self._error, *self._sticks):
             update(line.node, visible=known)
         self._error_name.visible = False
-        self.imu.label.text = f"{source} alone"
-        self._load_others(display, drone, colours)
+        self._others = tuple(display.others.values())
+        for i in range(len(self._imus), 1 + len(self._others)):
+            root = f"{WORLD}/other{i}"
+            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
+            self._imus.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
+        for body, trail in self._imus[1:]:
+            update(body.place, visible=False)
+            trail.hide()
+        named = zip((f"{source} alone", *display.others), (display, *self._others), strict=True)
+        for i, ((body, trail), (name, shown)) in enumerate(zip(self._imus, named, strict=False)):
+            shade = colours.get(shown.source if i == 0 else name, palette.IMU)
+            body.reshape(drone, shade)
+            update(body.label, text=name)
+            update(body.place, visible=True)
+            r, outline = shown.replay, outlines["imu"] if i == 0 else None
+            trail.load(r.t, r.position_imu, shown.restarts, shade, outline)
 
     def seen_from(self, eye: Array) -> None:
         """The camera is at (3,) NED, m: see `NEARER`."""
         place = (1.0 - NEARER) * eye
         if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
             self._nearer.position = place
-
-    def _load_others(self, display: DisplayTrajectory, drone: Drone, colours: Mapping[str, Rgb]) -> None:
-        """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""
-        for i in range(len(self._others), len(display.others)):
-            root = f"{WORLD}/other{i}"
-            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
-            self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
-        self._films = list(display.others.values())
-        for i, (body, trail) in enumerate(self._others):
-            update(body.place, visible=i < len(display.others))
-            trail.hide()
-        for (body, trail), (name, other) in zip(self._others, display.others.items(), strict=False):
-            body.reshape(drone, colours[name])
-            update(body.label, text=name)
-            trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
 
     def show(self, sample: Sample) -> None:
         """Put the drones, and what hangs on them, where they are at `sample`."""
@@ -143,8 +133,8 @@ class Scene:
             moves += self._error.moves((sample.position_imu - sample.position_ref).tolist())
             for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
                 moves += stick.moves((0.0, 0.0, self.ground.level - float(place[2])))
-        for (body, _), display in zip(self._others, self._films, strict=False):
-            other = display.at(sample.t)
+        for (body, _), trajectory in zip(self._imus[1:], self._others, strict=False):
+            other = trajectory.at(sample.t)
             moves += body.moves(other.q_imu, other.position_imu)
         return moves
 
@@ -158,7 +148,7 @@ class Scene:
         self.ground.give_way([sample.position_imu, sample.position_ref], span)
         self.arrows.resize(span)
         self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
-        for i, (body, _) in enumerate(self._others, 2):
+        for i, (body, _) in enumerate(self._imus[1:], 2):
             body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
         if not self._has_position:
             return
@@ -175,5 +165,5 @@ class Scene:
 
     def trails(self, since: float, until: float) -> None:
         """Show both paths between two times, s."""
-        for trail in (*self._trails.values(), *(trail for _, trail in self._others)):
+        for trail in (self._trail, *(trail for _, trail in self._imus)):
             trail.show(since, until)

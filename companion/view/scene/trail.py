@@ -120,14 +120,14 @@ class Trail:
     def show(self, since: float, until: float) -> None:
         """Show what lies between two times, s, as finely as there are lines for it."""
         nodes = len(self._nodes)
-        wanted = [_NONE] * nodes
+        due = [_NONE] * nodes
         for i, level in enumerate(self._levels):
             parts = windows(level.ends, since, until, CHUNK)
             if len(parts) <= nodes:
                 for chunk, a, b in parts:
-                    wanted[(level.first + chunk) % nodes] = (i, level.first + chunk, a, b)
+                    due[(level.first + chunk) % nodes] = (i, level.first + chunk, a, b)
                 break
-        for place, (node, part) in enumerate(zip(self._nodes, wanted, strict=True)):
+        for place, (node, part) in enumerate(zip(self._nodes, due, strict=True)):
             if part == self._shown[place]:
                 continue
             self._shown[place] = part
@@ -164,7 +164,7 @@ class AttachedLine:
     def moves(self, end: Sequence[float]) -> list[Move]:
         """What changes when it is drawn to `end` (3,) m NED from the drone.
 
-        Plain numbers: a recording asks three lines of each of 3,000 pictures, and NumPy takes longer for so few.
+        Plain numbers: a recording has three lines in each of 3,000 pictures, and NumPy takes longer for so few.
         """
         moved = max(abs(new - old) for new, old in zip(end, self._end, strict=True))
         if moved <= min(_SEEN_M, _SEEN * math.hypot(*end)):

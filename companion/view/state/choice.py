@@ -1,4 +1,4 @@
-"""What the user has chosen to be reckoned, and who answers: with the replay at once, with the analysis later."""
+"""What the user has chosen, and what is computed of it: the dead reckoning at once, the analysis later."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Corrected = Literal["no", "flight", "file"]
 
 @dataclass(frozen=True, slots=True)
 class ReplayChoice:
-    """How a flight is to be reckoned."""
+    """Which IMU of a flight is dead-reckoned, and how."""
 
     imu: str | None = None  # message name; None: the flight's default
     others: tuple[str, ...] = ()  # IMUs whose trajectories are shown beside it, as they are
@@ -49,13 +49,13 @@ class ReplayChoice:
     gravity: str | float = "standard"  # "standard" (9.80665), "normal" (WGS-84 where it flew), or m/s²
     reanchor_s: float | None = 10.0  # start again from the autopilot's state every so many s; None: run free
     start_s: float | None = None  # s, boot clock, of the first anchor; None: as early as possible
-    horizon_s: float = 5.0  # length of the windows that "after so many seconds" speaks of
-    correction: Corrected = "no"  # take out what calibration finds in this flight, or what a file says
+    horizon_s: float = 5.0  # length of the windows of the drift "after so many seconds"
+    correction: Corrected = "no"  # take out what calibration finds in this flight, or what is in a file
     gyro_bias: tuple[float, float, float] = NO_BIAS  # rad/s, FRD, taken off the readings
     accel_bias: tuple[float, float, float] = NO_BIAS  # m/s², FRD, taken off the readings
 
     def integration(self, flight: Flight) -> Integration:
-        """How, for this flight. Raises DataError when it does not say where it flew and gravity has to know."""
+        """How, for this flight. Raises DataError when gravity depends on where it flew and the log does not tell."""
         return replace(self.how, gravity=gravity_for(flight, self.gravity))
 
     @property
@@ -65,9 +65,9 @@ class ReplayChoice:
 
 
 Recompute = Callable[[Flight, ReplayChoice], DisplayTrajectory]
-"""Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
+"""Dead-reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
 Examine = Callable[[Flight, ReplayChoice, DisplayTrajectory], AnalysisResult]
-"""What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+"""The analysis of what was dead-reckoned. Raises CompanionError likewise. Runs in another worker thread."""
 
 
 Report = Callable[[Flight, ReplayChoice, DisplayTrajectory], str]

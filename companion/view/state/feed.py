@@ -49,7 +49,7 @@ class LinkState:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class LiveVerdict:
     """The verdict now, by the last seconds, and on the session so far. All text is untrusted."""
 
     status: str  # of `Verdict`, "starting" while the estimator aligns, "lost" after a loss of control; "": none yet
@@ -64,7 +64,7 @@ class Judgement:
 class Feed(Protocol):
     """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
 
-    reanchor_s: float  # the reckoning starts again from the autopilot so often
+    reanchor_s: float  # the dead reckoning restarts from the autopilot so often
 
     @property
     def choice(self) -> ReplayChoice:
@@ -94,7 +94,7 @@ class Feed(Protocol):
         """The drift since the first message of the vehicle."""
 
     @property
-    def judgement(self) -> Judgement:
+    def verdict(self) -> LiveVerdict:
         """The verdict now and so far."""
 
     def wait(self, timeout_s: float) -> None:
@@ -107,4 +107,4 @@ class Feed(Protocol):
         """Look at another vehicle from now on."""
 
     def anchor_now(self) -> None:
-        """Start both reckonings again from the autopilot."""
+        """Restart both dead reckonings from the autopilot."""

@@ -1,4 +1,4 @@
-"""Instants of a flight that have a name: what the vehicle said, where it armed, what an analysis found."""
+"""Instants of a flight that have a name: texts of the vehicle, arming, findings of the analysis."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _WARNING = 4  # MAV_SEVERITY_WARNING; smaller is worse
 
 
 def text_marks(flight: Flight) -> list[Mark]:
-    """What the vehicle said in words, and what happened to it, sorted by time."""
-    said = [Mark(text.t, text.text, _kind(text)) for text in flight.texts]
-    return sorted([*said, *map(_event_mark, flight.events)], key=lambda mark: mark.t)
+    """Texts and events of the vehicle, sorted by time."""
+    texts = [Mark(text.t, text.text, _kind(text)) for text in flight.texts]
+    return sorted([*texts, *map(_event_mark, flight.events)], key=lambda mark: mark.t)
 
 
 def _event_mark(event: Event) -> Mark:

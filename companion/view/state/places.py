@@ -14,14 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation import BestEstimate
-from companion.model import (
-    ECCENTRICITY_SQUARED,
-    SEMI_MAJOR_AXIS,
-    Array,
-    Flight,
-    Origin,
-    geodetic_from_ned,
-)
+from companion.model import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, Array, Flight, Origin, geodetic_from_ned
 
 _FIX_3D = 3  # GPS_FIX_TYPE
 

@@ -34,7 +34,7 @@ class Player:
     def load(self, first: float, last: float, time: float | None = None) -> None:
         """Take another interval, at `time` as near as it allows (default: its start); speed and loop are kept.
 
-        With a `time` it is the same flight reckoned anew, and the part stays as far as it still lies within.
+        With a `time` it is the same flight recomputed, and the part stays as far as it still lies within.
         """
         if not (math.isfinite(first) and math.isfinite(last) and first <= last):
             raise ValueError(f"a play interval needs finite bounds in order, got [{first}, {last}]")

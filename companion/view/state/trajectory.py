@@ -26,7 +26,7 @@ class AnalysisResult:
     trailing: WindowErrors  # the error over the chosen horizon, of a window that ends at every sample
     horizon_s: float
     redundant_imus: tuple[RedundantImu, ...] = ()
-    expected: Expectation | None = None  # over the replay; None where it cannot be said
+    expected: Expectation | None = None  # over the replay; None where it is not known
     noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
 
     @property
@@ -46,11 +46,6 @@ class Errors:
     heading_deg: Array  # (N,) its vertical part: positive when the autopilot points clockwise of the IMU, from above
     velocity_mps: Array  # (N,)
     position_m: Array  # (N,)
-
-    def at(self, t: float, column: str) -> float:
-        """The value at the last sample up to `t`, s; of the first before it."""
-        i = max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)
-        return float(getattr(self, column)[i])
 
 
 def errors_of(t: Array, attitude: Array, velocity: Array, position: Array) -> Errors:
@@ -104,7 +99,7 @@ def envelope_of(expected: Expectation) -> Envelope:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """What both say at one instant, and how far apart they are."""
+    """Both states at one instant, and how far apart they are."""
 
     t: float  # s, boot clock
     q_imu: Array  # (4,) wxyz NED/FRD, unit length
@@ -255,10 +250,7 @@ def display_trajectory(
             reference_valid=replay.reference_valid[good],
         )
     clean = replace(
-        clean,
-        q_imu=_unit(clean.q_imu),
-        q_ref=_unit(clean.q_ref),
-        anchors=replay.anchors[np.isfinite(replay.anchors)],
+        clean, q_imu=_unit(clean.q_imu), q_ref=_unit(clean.q_ref), anchors=replay.anchors[np.isfinite(replay.anchors)]
     )
     return DisplayTrajectory(
         clean,
@@ -296,7 +288,7 @@ def _between(a: Array, b: Array, share: Array) -> Array:
 class Worst:
     """The stretch of a replay that ends farthest apart."""
 
-    start_s: float  # boot clock: where the reckoning last started from the autopilot
+    start_s: float  # boot clock: where the dead reckoning last started from the autopilot
     end_s: float  # where they are farthest apart
     apart_m: float
 

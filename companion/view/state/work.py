@@ -19,7 +19,7 @@ _LEAVING_S = 0.5
 def begin(name: str, work: Callable[[], Result]) -> Future[Result]:
     """Begin it in a thread of its own: a daemon, for the threads of a ThreadPoolExecutor outlive Ctrl-C by their work.
 
-    What it raises is raised where the result is asked for.
+    What it raises is raised where the result is taken.
     """
     done: Future[Result] = Future()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.view import Judgement
+from companion.view import LiveVerdict
 from companion.view.charts.chart_pages import expected_over
 from companion.view.state.history import Curves
 from companion.view.state.trajectory import Errors
@@ -17,9 +17,9 @@ def test_the_band_grows_since_the_anchor_and_begins_again_with_the_next() -> Non
     errors = Errors(t, nothing, nothing, nothing, nothing)
     curves = Curves(errors, errors, age, np.ones(101, np.bool_), has_position=True)
     expected = ((2.0, 0.1, 0.2, 0.3), (10.0, 0.9, 1.0, 8.3))
-    band = expected_over(curves, Judgement("", "", expected=expected))
+    band = expected_over(curves, LiveVerdict("", "", expected=expected))
     assert band is not None
     for one, first in zip((band.attitude_deg, band.velocity_mps, band.position_m), (0.3, 0.4, 2.3), strict=True):
         np.testing.assert_allclose([one[0], one[-1]], first)
         assert one[59] > 2.0 * one[61], "a new anchor"
-    assert expected_over(curves, Judgement("", "")) is None
+    assert expected_over(curves, LiveVerdict("", "")) is None

@@ -12,21 +12,21 @@ from hypothesis import strategies as st
 from companion.model import Event, Flight
 from companion.view import DisplayTrajectory, ReplayChoice, display_trajectory
 from companion.view.panels.bands import Bands, Span, bands, markup, outside
-from tests.view.circles import BOOT, make_flight, reckon
+from tests.view.circles import BOOT, dead_reckon, make_flight
 
 
 def display_of(flight: Flight) -> DisplayTrajectory:
-    return display_trajectory(reckon(flight, ReplayChoice()))
+    return display_trajectory(dead_reckon(flight, ReplayChoice()))
 
 
 def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
-    said = (
+    reported = (
         Event(BOOT + 5.0, "mode", "GUIDED"),
         Event(BOOT + 10.0, "armed", "armed"),
         Event(BOOT + 20.0, "mode", "LAND"),
         Event(BOOT + 40.0, "disarmed", "disarmed"),
     )
-    flight = replace(make_flight(), events=said)
+    flight = replace(make_flight(), events=reported)
     display = display_of(flight)
     found = bands(flight, display)
     assert [(s.start_s, s.end_s, s.label) for s in found.modes] == [
@@ -53,7 +53,7 @@ def test_nothing_is_drawn_beside_the_band(spans: list[tuple[float, float]]) -> N
 
 
 @pytest.mark.parametrize(
-    ("spans", "said"),
+    ("spans", "words"),
     [
         ([(10, 20)], ""),
         ([(-9, -5)], "1 finding lies outside the replay: 1 before it begins."),
@@ -63,8 +63,8 @@ def test_nothing_is_drawn_beside_the_band(spans: list[tuple[float, float]]) -> N
         ),
     ],
 )
-def test_findings_that_the_replay_does_not_reach_are_told(spans: list[tuple[float, float]], said: str) -> None:
-    assert outside([Span(a, b, "", "error") for a, b in spans], 0.0, 100.0) == said
+def test_findings_that_the_replay_does_not_reach_are_told(spans: list[tuple[float, float]], words: str) -> None:
+    assert outside([Span(a, b, "", "error") for a, b in spans], 0.0, 100.0) == words
 
 
 def test_names_are_text() -> None:

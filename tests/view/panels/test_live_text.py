@@ -6,7 +6,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from companion.present import palette
-from companion.view import Judgement, LinkState, ReplayChoice, StreamState
+from companion.view import LinkState, LiveVerdict, ReplayChoice, StreamState
 from companion.view.panels import live_text, markup
 from tests.view.circles import make_flight, recompute
 
@@ -39,11 +39,11 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
     )  # fmt: skip
     for shown in (
         live_text.link(state, EVIL, None),
-        live_text.verdict(Judgement(EVIL, EVIL), LinkState("a"), EVIL),
-        live_text.verdict(Judgement("", EVIL), state, EVIL),
+        live_text.verdict(LiveVerdict(EVIL, EVIL), LinkState("a"), EVIL),
+        live_text.verdict(LiveVerdict("", EVIL), state, EVIL),
         live_text.legend(EVIL, has_position=True),
         live_text.health(state),
-        live_text.drift((), Judgement(EVIL, EVIL)),
+        live_text.drift((), LiveVerdict(EVIL, EVIL)),
         live_text.messages([EVIL]),
     ):
         tags = read(shown)
@@ -52,19 +52,19 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
 
 
 def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
-    def text(judgement: Judgement, problem: str = "", why_not: str = "") -> str:
-        return read(live_text.verdict(judgement, LinkState("udpin:1", problem), why_not)).text
+    def text(now: LiveVerdict, problem: str = "", why_not: str = "") -> str:
+        return read(live_text.verdict(now, LinkState("udpin:1", problem), why_not)).text
 
-    suspect = Judgement("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
+    suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
     assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
     assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
     assert markup.COLOURS["imu_suspect"] != markup.colour_of("imu_suspect", stale=True), "and is dimmed"
     shown = live_text.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
     assert palette.css(markup.COLOURS["imu_suspect"]) not in shown
     assert text(suspect, problem="silent for 7 s").endswith("NO VERDICT – silent for 7 s")
-    assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
-    assert "No verdict yet" in text(Judgement("", ""))
-    assert "STARTING" in text(Judgement("starting", "The estimator aligns."))
+    assert text(LiveVerdict("", ""), why_not="no IMU messages").endswith("no IMU messages")
+    assert "No verdict yet" in text(LiveVerdict("", ""))
+    assert "STARTING" in text(LiveVerdict("starting", "The estimator aligns."))
 
 
 def test_the_link_says_how_it_stands() -> None:

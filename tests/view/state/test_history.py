@@ -12,9 +12,9 @@ from companion.model import NavState
 from companion.view import ReplayChoice
 from companion.view.state.history import History, free_errors, present
 from companion.view.state.trajectory import Errors
-from tests.view.circles import make_flight, reckon
+from tests.view.circles import dead_reckon, make_flight
 
-WHOLE: Replay = reckon(make_flight(), ReplayChoice())
+WHOLE: Replay = dead_reckon(make_flight(), ReplayChoice())
 
 
 def until(t: float) -> Replay:

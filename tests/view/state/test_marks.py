@@ -55,13 +55,13 @@ def test_a_short_label_is_one_printable_line(label: str) -> None:
 
 
 def test_what_the_vehicle_said_is_sorted_and_told_apart(flight: Flight) -> None:
-    said = [
+    reported = [
         (107.0, 6, "Disarming motors"),
         (101.0, 6, "Arming motors"),
         (102.0, 3, "EKF lane switch 1"),
         (103.0, 6, "x"),
     ]
-    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in said)))
+    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in reported)))
     assert [(mark.t, mark.kind) for mark in marks] == [
         (101.0, "arming"),
         (102.0, "trouble"),

@@ -14,9 +14,9 @@ import viser
 import zstandard
 
 from companion.view import ReplayChoice
+from companion.view.export import Recording
 from companion.view.scene.cameras import frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
-from companion.view.scene.recording import Recording
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.server.web_server import Address, close_server, open_server
