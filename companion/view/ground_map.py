@@ -18,7 +18,6 @@ import urllib.error
 import urllib.request
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from companion.model import Array, CompanionError, Flight, InputError, SettingsError
+from companion.model import CompanionError, Flight, InputError, SettingsError
 from companion.view.scene.cameras import Framing
 from companion.view.state.places import MapPicture, local_frame, tiles_over
 from companion.view.state.work import Worker
@@ -60,15 +59,6 @@ def check_url(url: str) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """Of which a map is requested."""
-
-    flight: Flight
-    low: Array  # (3,) NED, m
-    high: Array
-
-
 class MapLayer:
     """The map of a replay: fetched in a thread of its own, of which only the newest order counts.
 
@@ -95,7 +85,7 @@ class MapLayer:
         self._fetcher.forget()
         self.shown = shown
         if shown:
-            self._fetcher.request(partial(ground_map, Ground(flight, framing.low, framing.high), self._url), self._take)
+            self._fetcher.request(partial(ground_map, flight, framing, self._url), self._take)
 
     def _take(self, answer: MapPicture | CompanionError) -> None:
         if isinstance(answer, MapPicture):
@@ -106,17 +96,19 @@ class MapLayer:
         self._complain(str(answer))
 
 
-def ground_map(ground: Ground, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S) -> MapPicture:
+def ground_map(
+    flight: Flight, framing: Framing, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S
+) -> MapPicture:
     """The picture of the ground, with some around it.
 
     url: template of the tiles' addresses; folder: where tiles are kept, None for the user's cache. Raises InputError
     where the log does not tell where it flew, or the server does not give every tile within `timeout_s`.
     """
-    around = max(_LEAST_M, 0.1 * float(np.max(ground.high[:2] - ground.low[:2])))
-    local = local_frame(ground.flight)
+    around = max(_LEAST_M, 0.1 * float(np.max(framing.high[:2] - framing.low[:2])))
+    local = local_frame(flight)
     if local is None:
         raise InputError("No map: this log does not tell where on Earth it was flown.")
-    corners = np.stack([ground.low - around, ground.high + around])[:, :2]
+    corners = np.stack([framing.low - around, framing.high + around])[:, :2]
     tiles = tiles_over(*local.places(corners).ravel().tolist())
     pixels = np.zeros((tiles.rows * _PIXELS, tiles.columns * _PIXELS, 3), dtype=np.uint8)
     end, store = time.monotonic() + timeout_s, _Store(url, folder or cache_folder() / "map-tiles")

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from companion.model import Array, DataError
+from companion.model import DataError
 from companion.present import vehicle_words
 from companion.view.charts.chart_pages import LiveCharts
 from companion.view.controller import Controller
@@ -23,7 +23,7 @@ from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.feed import Feed, Seen
-from companion.view.state.history import History, Past, free_errors, present
+from companion.view.state.history import FreeRun, History, Past, free_run, present
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
@@ -45,7 +45,7 @@ class LiveController(Controller):
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # who, whether there is a position, all IMUs
         self._display: DisplayTrajectory | None = None  # the present
-        self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
+        self._free: FreeRun | None = None  # the present
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         controls = Controls(server.gui, post)
         panel = self._panel = LivePanel(controls, feed, window_s, self.change, self.choose_camera)
@@ -90,7 +90,7 @@ class LiveController(Controller):
         if sample is not None and (self._held is not None or self.stale or sample.t != self._newest):
             self.stale = False
             self.draw(sample)
-            self._live_trails.reach(sample.t, self._free_now()[2])
+            self._live_trails.reach(sample.t, self._free_now())
             self._newest = sample.t
         if self.is_due("panel", now):
             self._report(sample)
@@ -153,12 +153,8 @@ class LiveController(Controller):
                 self.browsers.framing = replace(self.browsers.framing, ground=low)
                 self.scene.ground.sink(low)
         self._live_trails.add(display, seen.free)
-        free = seen.free
-        self._free = None
-        if free is not None:
-            position = free.state.position if display.replay.has_position else None
-            self._free = (free_errors(free), display.end - free.anchor_s, position)
-        self._history.add(seen.replay, free)
+        self._free = free_run(seen.free, display.end) if seen.free else None
+        self._history.add(seen.replay, seen.free)
 
     def _begin(self, seen: Seen) -> None:
         self._history.clear()
@@ -197,24 +193,16 @@ class LiveController(Controller):
         sample = past.display.at(at)
         return replace(sample, t=sample.t + past.end)
 
-    def _free_now(self) -> tuple[tuple[float, ...] | None, float, Array | None]:
-        """Errors, age and position of the free run at the instant shown."""
-        if self._held is None:
-            return self._free if self._free else (None, 0.0, None)
-        past, at = self._held
-        row = int(np.clip(np.searchsorted(past.display.replay.t, at + 1e-6) - 1, 0, len(past.free) - 1))
-        values = tuple(past.free[row].tolist())
-        if not np.isfinite(values).all():
-            return None, 0.0, None
-        return values, at + past.end - float(past.free_anchor[row]), past.free_position[row]
+    def _free_now(self) -> FreeRun | None:
+        """The free run at the instant shown."""
+        return self._free if self._held is None else self._held[0].free_at(self._held[1])
 
     def _report(self, sample: Sample | None) -> None:
         if sample is not None and self._display is not None:
             self._live_trails.resize(self.annotate(sample))
-            free, age, _ = self._free_now()
             silent = self._held is None and bool(self._feed.link.problem)
             has_position = self._display.replay.has_position
-            numbers = live_text.numbers(sample, free, age, has_position=has_position, silent=silent)
+            numbers = live_text.numbers(sample, self._free_now(), has_position=has_position, silent=silent)
             update(self._panel.numbers, content=numbers)
         held_s = None if self._held is None or self._display is None or sample is None else self._display.end - sample.t
         self._panel.report(self._feed, held_s)

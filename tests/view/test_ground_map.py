@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 
 from companion.model import Flight, InputError, Origin, SettingsError
-from companion.view.ground_map import Ground, MapLayer, cache_folder, check_url, credit, ground_map
-from companion.view.scene.cameras import frame
+from companion.view.ground_map import MapLayer, cache_folder, check_url, credit, ground_map
+from companion.view.scene.cameras import Framing, frame
 from companion.view.state.places import MapPicture, local_frame
 from tests.view.circles import make_flight
 from tests.waiting import wait_for
@@ -73,21 +73,23 @@ def server() -> Iterator[Server]:
             thread.join()
 
 
+Ground = tuple[Flight, Framing]
+
+
 @pytest.fixture
 def ground(flight: Flight) -> Ground:
     assert flight.position is not None
-    positions = flight.position.position
-    return Ground(replace(flight, origin=ZERO), positions.min(axis=0), positions.max(axis=0))
+    return replace(flight, origin=ZERO), frame(flight.position.position)
 
 
 def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
     ground: Ground, server: Server, tmp_path: Path
 ) -> None:
-    found = ground_map(ground, server.url, folder=tmp_path)
+    found = ground_map(*ground, server.url, folder=tmp_path)
     assert 1 <= len(server.requested) <= 16
     low, high = found.centre - found.size / 2, found.centre + found.size / 2
-    assert (low < ground.low[:2]).all()
-    assert (high > ground.high[:2]).all()
+    assert (low < ground[1].low[:2]).all()
+    assert (high > ground[1].high[:2]).all()
     height, width, _ = found.pixels.shape
     assert width / height == pytest.approx(found.size[1] / found.size[0], rel=0.007), (
         "Mercator keeps shapes, on a sphere"
@@ -98,15 +100,15 @@ def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
 
 
 def test_it_says_who_asks_and_asks_once(ground: Ground, server: Server, tmp_path: Path) -> None:
-    first = ground_map(ground, server.url, folder=tmp_path)
+    first = ground_map(*ground, server.url, folder=tmp_path)
     assert all(agent.startswith("mavlink-companion/") for _, agent in server.requested)
     requested = len(server.requested)
-    again = ground_map(ground, server.url, folder=tmp_path)
+    again = ground_map(*ground, server.url, folder=tmp_path)
     assert len(server.requested) == requested, "it is kept on the disk"
     assert (first.pixels == again.pixels).all()
     for kept in tmp_path.iterdir():
         kept.write_bytes(b"spoiled")
-    assert (ground_map(ground, server.url, folder=tmp_path).pixels == first.pixels).all()
+    assert (ground_map(*ground, server.url, folder=tmp_path).pixels == first.pixels).all()
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_no_map_is_one_sentence(
 ) -> None:
     server.answer = answer
     with pytest.raises(InputError, match=f"No map: .*{reason}"):
-        ground_map(ground, server.url, folder=tmp_path)
+        ground_map(*ground, server.url, folder=tmp_path)
     assert not list(tmp_path.iterdir()), "and nothing is kept of it"
 
 
@@ -133,25 +135,25 @@ def test_offline_is_one_sentence(ground: Ground, tmp_path: Path) -> None:
         nobody.bind(("127.0.0.1", 0))  # and does not listen
         url = f"http://127.0.0.1:{nobody.getsockname()[1]}/{{z}}/{{x}}/{{y}}.png"
         with pytest.raises(InputError, match=r"cannot be reached .* online\?"):
-            ground_map(ground, url, folder=tmp_path)
+            ground_map(*ground, url, folder=tmp_path)
 
 
 def test_a_slow_server_is_not_waited_for(ground: Ground, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too slow"):
-        ground_map(ground, server.url, folder=tmp_path, timeout_s=0.0)
+        ground_map(*ground, server.url, folder=tmp_path, timeout_s=0.0)
     assert not server.requested
 
 
 def test_a_flight_of_unknown_place_asks_nobody(flight: Flight, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not tell where"):
-        ground_map(Ground(flight, np.zeros(3), np.ones(3)), server.url, folder=tmp_path)
+        ground_map(flight, frame(np.zeros((2, 3))), server.url, folder=tmp_path)
     assert not server.requested
 
 
 def test_places_and_metres_are_inverse(ground: Ground) -> None:
-    local = local_frame(ground.flight)
+    local = local_frame(ground[0])
     assert local is not None
-    corners = np.stack([ground.low[:2], ground.high[:2]])
+    corners = np.stack([ground[1].low[:2], ground[1].high[:2]])
     np.testing.assert_allclose(local.ground(local.places(corners)), corners, atol=1e-6)
     flat = np.column_stack([corners, np.zeros(2)])
     there = local.places(corners)

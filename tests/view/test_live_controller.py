@@ -80,7 +80,7 @@ def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: p
         return FreeState(now - for_s, last, np.zeros(3), np.zeros(3), np.zeros(3))
 
     ages: list[float] = []
-    monkeypatch.setattr(live_text, "numbers", lambda _sample, _free, age_s, **_: ages.append(age_s))
+    monkeypatch.setattr(live_text, "numbers", lambda _sample, free, **_: ages.append(free.age_s))
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))

@@ -100,8 +100,8 @@ def drift_drawings(assessment: Assessment, colour: Rgb) -> list[LogDrawing]:
         ("expected 1σ", palette.CURSOR, 1.4, DASHED),
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
-    found = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
-    return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in found if lines is not None]
+    charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
+    return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
 
 
 NOISE_TITLES = (
@@ -160,5 +160,5 @@ def _allan(
 
 def noise_drawings(noise: ImuNoise | None) -> list[LogDrawing]:
     """Spectra in flight and Allan deviations at rest, as far as there are any."""
-    found = zip(NOISE_TITLES, noise_lines(noise), strict=True)
-    return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in found if lines is not None]
+    charts = zip(NOISE_TITLES, noise_lines(noise), strict=True)
+    return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]

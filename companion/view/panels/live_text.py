@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from html import escape
 
@@ -10,6 +9,7 @@ from companion.analysis import DriftRow, Statistic
 from companion.present import palette, words
 from companion.view.panels.markup import badge, banner, block, colour_of, lines, row, swatch, table, trouble, waiting
 from companion.view.state.feed import LinkState, LiveVerdict
+from companion.view.state.history import FreeRun
 from companion.view.state.trajectory import Sample
 
 _OLD_S = 5.0  # from which age on a verdict says how old it is
@@ -66,15 +66,13 @@ def legend(vehicle: str, *, has_position: bool) -> str:
 _STALE = f"<style>.uplot,canvas[data-engine]{{opacity:{palette.QUIET};filter:grayscale(0.8)}}</style>"
 
 
-def numbers(
-    sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool = False
-) -> str:
-    """The errors now: since the last anchor, and of the free run (tilt and heading °, velocity m/s, position m).
+def numbers(sample: Sample, free: FreeRun | None, *, has_position: bool, silent: bool = False) -> str:
+    """The errors now: since the last anchor, and of the free run.
 
     silent: nothing is received, so that they are those of the last sample, and are dimmed with picture and charts.
     """
     rows = [
-        ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free_age_s:.0f} s"),
+        ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free.age_s:.0f} s" if free else ""),
         ("tilt", f"{sample.tilt_deg:.2f}°", "{0:.2f}°"),
         ("heading", f"{sample.heading_deg:+z.2f}°", "{1:+z.2f}°"),
     ]
@@ -83,9 +81,8 @@ def numbers(
             ("velocity", f"{sample.velocity_mps:.2f} m/s", "{2:.2f} m/s"),
             ("position", f"{sample.position_m:.2f} m", "{3:.1f} m"),
         ]
-    known = free is not None and all(map(math.isfinite, free))
-    quiet = f"opacity:{palette.QUIET}" if silent else ""
-    cells = (row((name, first, second.format(*free or ()) if known else ""), quiet) for name, first, second in rows)
+    quiet, errors = f"opacity:{palette.QUIET}" if silent else "", free.errors if free else ()
+    cells = (row((name, first, second.format(*errors) if errors else ""), quiet) for name, first, second in rows)
     if silent:
         return _STALE + table(("Error when last received", "IMU", "free run"), cells)
     return table(("Error", "IMU", "free run"), cells)

@@ -7,11 +7,12 @@ from functools import partial
 
 import viser
 
-from companion.view.panels.bands import HEIGHT, Bands, markup
+from companion.view.panels.bands import HEIGHT, Bands, markup, strip
 from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE, Call, Controls, Key, write
 from companion.view.state.choice import CameraMode
-from companion.view.state.marks import Mark, short, strip
+from companion.view.state.marks import Mark, short
 from companion.view.state.player import Player
+from companion.view.state.sending import update
 
 WIDTH = 600  # pixels: what the panels leave of a window 1280 wide, where the browser does not know `:has`
 _STYLE = (
@@ -124,10 +125,8 @@ class Timeline:
         """Write the instant into the slider and the play button."""
         player = self._player
         write(self._time, round(player.time, 2))
-        label = "Pause" if player.playing else "Play"
-        if self._play.label != label:
-            self._play.label = label
-            self._play.icon = viser.Icon.PLAYER_PAUSE if player.playing else viser.Icon.PLAYER_PLAY
+        label, icon = ("Pause", viser.Icon.PLAYER_PAUSE) if player.playing else ("Play", viser.Icon.PLAYER_PLAY)
+        update(self._play, label=label, icon=icon)
 
     def _go_to(self, name: str) -> None:
         """To the event of which an entry of the list begins with the number."""

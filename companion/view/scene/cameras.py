@@ -68,7 +68,7 @@ class Pose:
 
     def back_along(self, direction: Array) -> Array:
         """The same of a direction."""
-        return Pose(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]), np.zeros(3)).apply(direction)
+        return quaternion.rotate(quaternion.conjugate(self.wxyz), direction)
 
 
 UNMOVED = Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))

@@ -15,6 +15,7 @@ from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Move
 from companion.view.state.decimation import Indices, by_shape, evenly, windows
+from companion.view.state.history import FreeRun
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory
 
@@ -292,14 +293,14 @@ class LiveTrails:
         for trail in self._all:
             trail.show(since, until)
 
-    def reach(self, now: float, ball: Array | None) -> None:
-        """Lead the paths up to the drones at `now`, s, and put the ball at (3,) NED, m; None: there is none."""
+    def reach(self, now: float, free: FreeRun | None) -> None:
+        """Lead the paths up to the drones at `now`, s, and put the ball where the free run is."""
         for trail in self._all:
             trail.reach(now)
-        near = ball is not None and bool(np.abs(ball).max() < _FARTHEST_M)
+        near = free is not None and not np.isnan(self._anchor) and bool(np.abs(free.position).max() < _FARTHEST_M)
         update(self._ball, visible=near)
-        if near and ball is not None:
-            self._ball.position = ball
+        if near and free is not None:
+            self._ball.position = free.position
 
     def resize(self, span: float) -> None:
         """Fit the ball to drones so many m wide. A change too small to see is not sent."""

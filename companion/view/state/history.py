@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from companion.analysis import FreeState, Replay
 from companion.model import Array
+from companion.strapdown import SAME_TIME
 from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory
 
 _SHAPES = dict.fromkeys(COLUMNS, 3) | {"q_imu": 4, "q_ref": 4, "errors": 4, "free": 4, "free_position": 3}
@@ -30,6 +31,15 @@ class Curves:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FreeRun:
+    """The IMU left alone, at one instant."""
+
+    errors: tuple[float, ...]  # tilt and heading °, velocity m/s, position m
+    age_s: float
+    position: Array  # (3,) NED, m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Past:
     """A stretch of what was shown. Times are seconds before its end: 0 is the last row."""
 
@@ -39,6 +49,12 @@ class Past:
     free_position: Array  # (N, 3) NED, m
     free_anchor: Array  # (N,) s, boot clock
     end: float  # s, boot clock, of the last row
+
+    def free_at(self, t: float) -> FreeRun | None:
+        """The free run at an instant; None where there was none."""
+        row = int(np.clip(np.searchsorted(self.display.replay.t, t + SAME_TIME) - 1, 0, len(self.free) - 1))
+        age = t + self.end - float(self.free_anchor[row])
+        return FreeRun(tuple(self.free[row]), age, self.free_position[row]) if np.isfinite(age) else None
 
 
 class History:
@@ -68,7 +84,7 @@ class History:
         row["errors"] = _sizes(replay.attitude_error[-1], replay.velocity_error[-1], replay.position_error[-1])
         for name in COLUMNS:
             row[name] = getattr(replay, name)[-1]
-        row["free"] = np.nan if free is None else free_errors(free)
+        row["free"] = np.nan if free is None else free_run(free, t).errors
         row["free_anchor"] = np.nan if free is None else free.anchor_s
         row["free_position"] = np.nan if free is None else free.state.position
         self._count += 1
@@ -129,9 +145,10 @@ def present(replay: Replay) -> DisplayTrajectory:
     return display_trajectory(replace(replay, **columns))
 
 
-def free_errors(free: FreeState) -> tuple[float, float, float, float]:
-    """Tilt and heading °, velocity m/s, position m: how far a free run is from the autopilot."""
-    return _sizes(free.attitude_error, free.velocity_error, free.position_error)
+def free_run(free: FreeState, now: float) -> FreeRun:
+    """It at `now`, s, boot clock."""
+    errors = _sizes(free.attitude_error, free.velocity_error, free.position_error)
+    return FreeRun(errors, now - free.anchor_s, free.state.position)
 
 
 def _sizes(attitude: Array, velocity: Array, position: Array) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, Replay, WindowErrors
 from companion.model import Array, DataError, ImuTrack, words
-from companion.strapdown import SAME_TIME
+from companion.strapdown import SAME_TIME, quaternion
 from companion.view.state.decimation import Indices
 from companion.view.state.marks import Mark
 
@@ -250,7 +250,10 @@ def display_trajectory(
             reference_valid=replay.reference_valid[good],
         )
     clean = replace(
-        clean, q_imu=_unit(clean.q_imu), q_ref=_unit(clean.q_ref), anchors=replay.anchors[np.isfinite(replay.anchors)]
+        clean,
+        q_imu=quaternion.normalize(clean.q_imu),
+        q_ref=quaternion.normalize(clean.q_ref),
+        anchors=replay.anchors[np.isfinite(replay.anchors)],
     )
     return DisplayTrajectory(
         clean,
@@ -267,10 +270,6 @@ _ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
 _STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
 
 
-def _unit(q: Array) -> Array:
-    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True), dtype=np.float64)
-
-
 def _between(a: Array, b: Array, share: Array) -> Array:
     """Straight lines between neighbouring samples, (F,), (F, 3) or rotations (F, 4), which are put back to unit length.
 
@@ -281,7 +280,7 @@ def _between(a: Array, b: Array, share: Array) -> Array:
     if a.shape[1] == 3:
         return a + share[:, None] * (b - a)
     b = np.where((a * b).sum(axis=1, keepdims=True) < 0, -b, b)
-    return _unit(a + share[:, None] * (b - a))
+    return quaternion.normalize(a + share[:, None] * (b - a))
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,9 +83,7 @@ def test_the_link_says_how_it_stands() -> None:
 
 def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
     display = recompute(make_flight(), ReplayChoice())
-    now, silent = (
-        live_text.numbers(display.last, None, 0.0, has_position=True, silent=silent) for silent in (False, True)
-    )
+    now, silent = (live_text.numbers(display.last, None, has_position=True, silent=silent) for silent in (False, True))
     assert "when last received" not in now
     assert "Error when last received" in silent
     assert ("canvas" in silent, "canvas" in now) == (True, False)  # the picture and the charts are dimmed too

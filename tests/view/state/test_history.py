@@ -10,7 +10,7 @@ import pytest
 from companion.analysis import FreeState, Replay
 from companion.model import NavState
 from companion.view import ReplayChoice
-from companion.view.state.history import History, free_errors, present
+from companion.view.state.history import History, free_run, present
 from companion.view.state.trajectory import Errors
 from tests.view.circles import dead_reckon, make_flight
 
@@ -83,4 +83,4 @@ def test_the_present_is_the_last_sample() -> None:
     now = present(WHOLE)
     assert now.end == WHOLE.t[-1]
     np.testing.assert_allclose(now.at(now.end).position_imu, WHOLE.position_imu[-1])
-    assert free_errors(free_at(WHOLE))[0] == pytest.approx(5.0)
+    assert free_run(free_at(WHOLE), 0.0).errors[0] == pytest.approx(5.0)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from companion.model import Flight, StatusText
 from companion.view import Mark
-from companion.view.state.marks import short, strip, text_marks
+from companion.view.panels.bands import strip
+from companion.view.state.marks import short, text_marks
 
 HOSTILE = [
     "<script>alert(1)</script>",
