@@ -7,7 +7,19 @@ from html import escape
 
 from companion.analysis import DriftRow, Statistic
 from companion.present import palette, words
-from companion.view.panels.markup import badge, banner, block, colour_of, lines, row, swatch, table, trouble, waiting
+from companion.view.panels.markup import (
+    badge,
+    banner,
+    block,
+    colour_of,
+    lines,
+    row,
+    swatch,
+    table,
+    trouble,
+    waiting,
+    wrapped,
+)
 from companion.view.state.feed import LinkState, LiveVerdict
 from companion.view.state.history import FreeRun
 from companion.view.state.trajectory import Sample
@@ -91,7 +103,8 @@ def numbers(sample: Sample, free: FreeRun | None, *, has_position: bool, silent:
 def health(state: LinkState) -> str:
     """Rates, losses, the clocks."""
     rows = (
-        row((escape(s.name), f"{s.received_hz:.0f} / {s.requested_hz:.0f} Hz", escape(s.note))) for s in state.streams
+        row((escape(s.name), f"{s.received_hz:.0f} / {s.requested_hz:.0f} Hz", wrapped(escape(s.note))))
+        for s in state.streams
     )
     lost = "".join(f", {share:.2%} of {escape(who)} lost" for who, share in state.lost.items())
     rest = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
@@ -101,7 +114,7 @@ def health(state: LinkState) -> str:
         rest.append(escape(state.clock))
     if state.rejected:
         rest.append(f"{state.rejected:,} frames dropped: not signed, or not with our key")
-    return table(("Message", "received / requested", ""), rows) + block(lines(rest))
+    return table(("Message", wrapped("received / requested"), ""), rows) + block(lines(rest))
 
 
 def drift(rows: Sequence[DriftRow], now: LiveVerdict) -> str:

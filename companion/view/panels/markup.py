@@ -63,7 +63,7 @@ def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0
 
 def block(markup: str, style: str = "") -> str:
     """Words below each other."""
-    return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.45;{style}">{markup}</div>'
+    return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.5;{style}">{markup}</div>'
 
 
 def lines(rows: Iterable[str]) -> str:
@@ -89,6 +89,11 @@ def row(cells: Iterable[object], style: str = "") -> str:
     return f'<tr style="{style}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
 
 
+def wrapped(markup: str) -> str:
+    """A cell in as many lines as it needs."""
+    return f'<span style="white-space:normal">{markup}</span>'
+
+
 def table(head: Sequence[str], rows: Iterable[str]) -> str:
     """The first column to the left, the others to the right, below a paler head."""
     top = row(head, f"opacity:{palette.QUIET}") if head else ""
@@ -96,7 +101,7 @@ def table(head: Sequence[str], rows: Iterable[str]) -> str:
         "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
         ".companion-table td:first-child{text-align:left;padding:0}</style>"
         '<div style="padding:0.2em 1em;overflow-x:auto"><table class="companion-table" style="width:100%;'
-        'font-size:0.78em;line-height:1.45;font-variant-numeric:tabular-nums;border-spacing:0">'
+        'font-size:0.76em;line-height:1.6;font-variant-numeric:tabular-nums;border-spacing:0">'
         f"{top}{''.join(rows)}</table></div>"
     )
 

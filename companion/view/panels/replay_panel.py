@@ -11,7 +11,7 @@ import numpy as np
 from companion.model import Flight
 from companion.present import Rgb, palette, vehicle_words
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.markup import banner, block, lines, row, swatch, table, waiting
+from companion.view.panels.markup import banner, block, lines, row, swatch, table, waiting, wrapped
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
@@ -142,5 +142,4 @@ def _numbers(sample: Sample, display: DisplayTrajectory, since_start: float, cel
         attitude, position = after
         metres = f"{position:.2f} m" if has_position else ""
         rows.append((f"After {display.result.horizon_s:g} s", f"{attitude:.2f}°", metres))
-    wrapped = '<span style="white-space:normal">{}</span>'
-    return table((), (row((name, f"<b>{first}</b>", wrapped.format(second))) for name, first, second in rows))
+    return table((), (row((name, f"<b>{first}</b>", wrapped(second))) for name, first, second in rows))

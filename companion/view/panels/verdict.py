@@ -24,7 +24,7 @@ from companion.present import (
     significant,
 )  # fmt: skip
 from companion.view.panels.controls import Controls
-from companion.view.panels.markup import block, lines, row, swatch, table, title
+from companion.view.panels.markup import block, lines, row, swatch, table, title, wrapped
 from companion.view.state.marks import short
 from companion.view.state.trajectory import AnalysisResult
 
@@ -175,4 +175,4 @@ def _figure(statistic: Statistic | None, key: str = "median") -> str:
 
 def _measured(value: float, sigma: float, digits: int) -> str:
     """A value and its error, below each other where the panel is too narrow for both."""
-    return f'<span style="white-space:normal">{value:.{digits}f} ±&nbsp;{sigma:.{digits}f}</span>'
+    return wrapped(f"{value:.{digits}f} ±&nbsp;{sigma:.{digits}f}")
