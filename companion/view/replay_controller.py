@@ -27,7 +27,7 @@ from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
-from companion.view.panels.verdict import DriftTab, FindingsTab
+from companion.view.panels.verdict import FindingsTab, drift_tab
 from companion.view.scene.cameras import frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
@@ -83,7 +83,7 @@ class ReplayController(Controller):
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self.charts = self._charts = ChartPages(controls)
         with side.add_tab("Drift", viser.Icon.TABLE):
-            self._drift = DriftTab(gui)
+            self._drift = gui.add_html("")
         with more.add_tab("Adjust", viser.Icon.ADJUSTMENTS):
             self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
             super().__init__(
@@ -281,7 +281,7 @@ class ReplayController(Controller):
         }
         self._timeline.load(marks, display.replay.anchors.tolist(), below)
         self._findings.load(result, outside(below.findings, display.start, display.end))
-        self._drift.load(result, self._colours)
+        self._drift.content = drift_tab(result, self._colours)
         self.is_due.at_once()
 
     def _legend(self) -> None:

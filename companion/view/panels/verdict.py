@@ -66,24 +66,16 @@ def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:
     handle.content = block(lines(map(escape, texts)))
 
 
-class DriftTab:
-    """Only the view thread may call it."""
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._tables = gui.add_html("")
-
-    def load(self, result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> None:
-        """Show the analysis; None: there is none yet."""
-        if result is None:
-            self._tables.content = block("Analysis in progress.")
-            return
-        assessment = result.assessment
-        colour = colours[assessment.drift.imu]
-        self._tables.content = (
-            drift_table(assessment.drift, assessment, colour, result.horizon_s)
-            + redundant_imus_table(result.redundant_imus, colours)
-            + calibration_table(assessment)
-        )
+def drift_tab(result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> str:
+    """Drift, IMUs and calibration; None: there is no analysis yet."""
+    if result is None:
+        return block("Analysis in progress.")
+    assessment = result.assessment
+    return (
+        drift_table(assessment.drift, assessment, colours[assessment.drift.imu], result.horizon_s)
+        + redundant_imus_table(result.redundant_imus, colours)
+        + calibration_table(assessment)
+    )
 
 
 class _FindingCard:

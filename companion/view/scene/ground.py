@@ -27,7 +27,13 @@ class Ground:
         self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
         self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
         self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
-        self._crosses = [_Cross(scene, f"{root}/start", "Start"), _Cross(scene, f"{root}/home", "Home")]
+        self._crosses = [
+            (
+                add_lines(scene, f"{root}/{name.lower()}", GREY, 3.0),
+                scene.add_label(f"{root}/{name.lower()}_name", name, anchor="top-center", visible=False),
+            )
+            for name in ("Start", "Home")
+        ]
         self._map: list[viser.ImageHandle | viser.LabelHandle] = []
         self._scene, self._root = scene, root
         self._credited = np.zeros(3)  # where it stands whose map it is: in the first picture of the flight
@@ -55,13 +61,17 @@ class Ground:
         arm = 0.04 * framing.radius
         if start is not None and home is not None and np.linalg.norm((start - home)[:2]) < 3 * arm:
             start = None
-        for cross, place in zip(self._crosses, (start, home), strict=True):
-            cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
+        ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
+        for (lines, name), place in zip(self._crosses, (start, home), strict=True):
+            lines.visible = name.visible = place is not None
+            if place is not None:
+                below = np.array([place[0], place[1], framing.ground])
+                lines.points, name.position = (below + ends).astype(np.float32), below
 
     def give_way(self, drones: Sequence[Array], span: float) -> None:
         """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
-        for cross in self._crosses:
-            cross.give_way(drones, span)
+        for lines, name in self._crosses:
+            update(name, visible=lines.visible and _free(name.position, drones, span))
         update(self._north_name, visible=_free(self._north_name.position, drones, span))
 
     def sink(self, level: float) -> None:
@@ -99,26 +109,6 @@ class Ground:
             self._cell = cell
             self._grid.cell_size = cell
             self._grid.section_size = 5 * cell
-
-
-class _Cross:
-    def __init__(self, scene: viser.SceneApi, name: str, label: str) -> None:
-        self._lines = add_lines(scene, name, GREY, 3.0)
-        self._label = scene.add_label(f"{name}_name", label, anchor="top-center", visible=False)
-        self._place: Array | None = None
-
-    def put(self, place: Array | None, arm: float) -> None:
-        self._place = place
-        self._lines.visible = self._label.visible = place is not None
-        if place is not None:
-            ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
-            self._lines.points = (place + ends).astype(np.float32)
-            self._label.position = place
-
-    def give_way(self, drones: Sequence[Array], span: float) -> None:
-        if self._place is None:
-            return
-        update(self._label, visible=_free(self._place, drones, span))
 
 
 def _free(place: Array, drones: Sequence[Array], span: float) -> bool:
