@@ -13,7 +13,7 @@ from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
-from companion.view import LONGEST_REANCHOR_S, LiveVerdict, LinkState, ReplayChoice, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, LinkState, LiveVerdict, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
