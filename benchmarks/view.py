@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import tempfile
 import time
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +19,7 @@ import companion as c
 from companion.app.settings import Settings
 from companion.pages.replay import Answers
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import ReplayChoice, Viewer
-from companion.view.state import events
+from companion.view import Viewer
 
 STREAMS = {"RAW_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
 LIMIT_S = 30.0
@@ -34,9 +35,9 @@ def ten_minutes() -> c.Flight:
 
 def slider_to_pose(viewer: Viewer, bias: float) -> float:
     """Seconds until the pose has moved."""
-    before, begun = viewer.scene.imu.position, time.perf_counter()
-    viewer.post(events.Choose(ReplayChoice(imu="RAW_IMU", gyro_bias=(bias, 0.0, 0.0))))
-    while np.array_equal(viewer.scene.imu.position, before) and time.perf_counter() < begun + LIMIT_S:
+    before, begun = viewer.controller.scene.imu.position, time.perf_counter()
+    viewer.post(partial(viewer.controller.change, partial(replace, gyro_bias=(bias, 0.0, 0.0))))
+    while np.array_equal(viewer.controller.scene.imu.position, before) and time.perf_counter() < begun + LIMIT_S:
         time.sleep(0.005)
     return time.perf_counter() - begun
 
@@ -45,13 +46,13 @@ def main() -> None:
     """Measure both."""
     answers = Answers(Settings())
     with Viewer([ten_minutes()], answers.recompute, answers.examine, port=0) as viewer:
-        viewer.post(events.Seek(viewer.player.first + 9.9))
+        viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         waits = [slider_to_pose(viewer, 1e-3 * i) for i in range(1, 8)]
         print(f"from the slider to the pose: median {np.median(waits):.2f} s, most {max(waits):.2f} s (0.5 is at once)")
-        viewer.post(events.Toggle())
-        updates, begun = viewer.pose_updates, time.perf_counter()
+        viewer.post(viewer.player.toggle)
+        updates, begun = viewer.controller.pose_updates, time.perf_counter()
         time.sleep(3.0)
-        rate = (viewer.pose_updates - updates) / (time.perf_counter() - begun)
+        rate = (viewer.controller.pose_updates - updates) / (time.perf_counter() - begun)
         print(f"pose updates while it plays: {rate:.0f}/s (20 look like motion)")
 
 

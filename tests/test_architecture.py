@@ -88,12 +88,11 @@ VIEW_MAY_IMPORT = {
     "export": {"state", "scene", "server"},
     "ground_map": {"state", "scene"},
     "browsers": {"state", "panels", "scene"},
-    "viewport": {"state", "scene", "browsers"},
-    "page": {"state", "scene", "server", "viewport"},
-    "replay_controller": {"state", "scene", "charts", "panels", "viewport", "export", "ground_map"},
-    "live_controller": {"state", "scene", "charts", "panels", "viewport"},
-    "app": {"state", "page", "replay_controller", "live_controller"},
-    "__init__": {"state", "panels", "app", "export", "ground_map"},
+    "controller": {"state", "panels", "charts", "scene", "browsers"},
+    "replay_controller": {"state", "scene", "charts", "panels", "controller", "export", "ground_map"},
+    "live_controller": {"state", "scene", "charts", "panels", "controller"},
+    "page": {"state", "scene", "server", "panels", "controller", "replay_controller", "live_controller"},
+    "__init__": {"state", "panels", "page", "export", "ground_map"},
 }
 """Room of the view, or a module that joins rooms → the others that it may import."""
 

@@ -21,8 +21,7 @@ from companion.model import STANDARD_GRAVITY
 from companion.pages.replay import Answers
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
-from companion.view.panels import verdict_tables
-from companion.view.state.sample import footage
+from companion.view.panels.verdict import drift_table
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow
@@ -164,11 +163,11 @@ def test_the_page_in_the_browser(flight: Document) -> None:
     settings = c.Settings()
     answers = Answers(settings)
     choice = ReplayChoice(how=integration_of(settings, opened))
-    reckoning = answers.recompute(opened, choice)
-    insight = answers.examine(opened, choice, footage(reckoning))
-    found = insight.assessment
+    display = answers.recompute(opened, choice)
+    result = answers.examine(opened, choice, display)
+    found = result.assessment
     assert found.verdict.summary == flight["verdict"]["summary"]
-    page = Cells(verdict_tables.drift_table(found.drift, found, palette.IMU, insight.horizon_s))
+    page = Cells(drift_table(found.drift, found, palette.IMU, result.horizon_s))
     lines = [row for row in page.rows[1:] if len(row) == 2 + len(QUANTITIES)]
     of_horizons = zip(lines[::3], lines[1::3], lines[2::3], strict=True)
     for told, (median, p95, expected) in zip(flight["drift"], of_horizons, strict=True):
@@ -178,6 +177,6 @@ def test_the_page_in_the_browser(flight: Document) -> None:
             assert same(median[i], told[quantity]["median"])
             assert same(p95[i], told[quantity]["p95"])
             assert same(expected[i], told["expected"][quantity])
-    exported = c.export.tables(opened, reckoning.replay)["reckoning"]
+    exported = c.export.tables(opened, display.replay)["reckoning"]
     own = c.export.reckoning_of(opened, found, choice.reanchor_s)
     assert np.array_equal(exported["position_imu_north_m"], own.position_imu[:, 0]), "the trajectory that is exported"

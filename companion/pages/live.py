@@ -13,7 +13,7 @@ from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
-from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, ReplayChoice, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, LinkState, LiveVerdict, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
@@ -42,7 +42,7 @@ class LiveFeed:
         self._verdict = RunningVerdict(self._assignment(vehicle))
 
     @property
-    def said(self) -> Sequence[str]:
+    def messages(self) -> Sequence[str]:
         """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
         return tuple(self._said)
 
@@ -108,9 +108,9 @@ class LiveFeed:
         return self._watch.drift
 
     @property
-    def judgement(self) -> Judgement:
+    def verdict(self) -> LiveVerdict:
         opinion = self._verdict.opinion
-        return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
+        return LiveVerdict(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
 
     def wait(self, timeout_s: float) -> None:
         self._attachment.wait(timeout_s)

@@ -30,7 +30,16 @@ from companion.app.examination import Examination, align_imu, assess_imu, examin
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.model import DataError, Flight
-from companion.view import Footage, Insight, Offer, Reckoning, ReplayChoice, Viewer, chosen_track, with_track
+from companion.view import (
+    AnalysisResult,
+    DisplayTrajectory,
+    Offer,
+    ReplayChoice,
+    Viewer,
+    chosen_track,
+    display_trajectory,
+    with_track,
+)
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
 _SAME_S = 0.01  # the page rounds the start that it shows
@@ -61,25 +70,25 @@ class Answers:
         self._corrections: dict[tuple[int, str, Integration], Correction | None] = {}
         self._last: tuple[tuple[object, ...], Examination] | None = None
 
-    def recompute(self, flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def recompute(self, flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
         how = choice.integration(flight)
         track = chosen_track(flight, choice, self._correction(flight, choice, how))
         seen = with_track(flight, track)
         others = {name: self._replay(flight, name, choice, how) for name in choice.others}
-        return Reckoning(self._replay(seen, choice.imu, choice, how), track, others)
+        return display_trajectory(self._replay(seen, choice.imu, choice, how), track, others)
 
-    def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+    def examine(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
         """The analysis of what is shown: the same numbers as `companion analyze`."""
-        examined = self._examination(flight, choice, film)
+        examined = self._examination(flight, choice, display)
         assessment = examined.assessment
         comparison = assessment.comparison
-        return Insight(
+        return AnalysisResult(
             assessment,
             trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
             horizon_s=choice.horizon_s,
             redundant_imus=examined.redundant_imus,
-            expected=expected_since_anchor(comparison, assessment.figures, assessment.autopilot, film.replay),
+            expected=expected_since_anchor(comparison, assessment.figures, assessment.autopilot, display.replay),
             noise=_noise_of(flight, assessment),
         )
 
@@ -91,27 +100,27 @@ class Answers:
                 return replay_from_rest(flight, aligned, imu=imu, how=how)
         return replay(flight, imu=imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
 
-    def report(self, source: Source, flight: Flight, choice: ReplayChoice, film: Footage) -> str:
+    def report(self, source: Source, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> str:
         """The report of what is shown, without the playback: the page has that."""
         from companion.report import report_html  # noqa: PLC0415  (rarely requested)
 
-        examined = self._examination(flight, choice, film)
+        examined = self._examination(flight, choice, display)
         return report_html(examined, source, self.settings, command=self._command, with_playback=False)
 
     def know(self, examined: Examination, choice: ReplayChoice) -> None:
         """Take what was examined as chosen, by somebody else, for the answer."""
         self._remember(examined.flight, choice, examined, examined.assessment.comparison.track.source)
 
-    def _examination(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Examination:
+    def _examination(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Examination:
         """Everything about what is shown; made once, for the horizon and the anchors change nothing in it."""
         how = choice.integration(flight)
         last = self._last
         if last is not None and last[0] == _key(flight, choice):
             return last[1]
-        seen = with_track(flight, film.track) if film.track else flight
+        seen = with_track(flight, display.track) if display.track else flight
         self._last = None  # room for the next: an hour's analysis is large
         examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
-        self._remember(flight, choice, examined, film.source)
+        self._remember(flight, choice, examined, display.source)
         return examined
 
     def _remember(self, flight: Flight, choice: ReplayChoice, examined: Examination, source: str) -> None:

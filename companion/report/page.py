@@ -52,9 +52,9 @@ def report_html(
     if with_playback:
         sections.append(_playback(subject))
         if subject.replay is not None:
-            from companion.view import Reckoning, replay_page  # noqa: PLC0415  (brings viser, slow to import)
+            from companion.view import display_trajectory, replay_page  # noqa: PLC0415  (brings viser, slow to import)
 
-            player = replay_page(Reckoning(subject.replay, subject.comparison.track), flight)
+            player = replay_page(display_trajectory(subject.replay, subject.comparison.track), flight)
             data["player"] = msgspec.json.encode(player).decode()
     notes = (*flight.notes, *assessment.drift.notes)
     sections += [

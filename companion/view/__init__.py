@@ -5,22 +5,21 @@ from typing import TYPE_CHECKING, Any
 
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes
-from companion.view.state.feed import Feed, Judgement, LinkState, Seen, StreamState
-from companion.view.state.insight import Insight, Worst, worst_stretch
+from companion.view.state.feed import Feed, LinkState, LiveVerdict, Seen, StreamState
 from companion.view.state.marks import Mark
 from companion.view.state.places import best_path
-from companion.view.state.sample import Footage, Reckoning
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, Worst, display_trajectory, worst_stretch
 
 if TYPE_CHECKING:
-    from companion.view.app import LiveViewer, Viewer
     from companion.view.export import replay_page
     from companion.view.ground_map import check_url
+    from companion.view.page import LiveViewer, Viewer
     from companion.view.panels.live_panel import LONGEST_REANCHOR_S
 
 _WITH_VISER = {
     "LONGEST_REANCHOR_S": "panels.live_panel",
-    "LiveViewer": "app",
-    "Viewer": "app",
+    "LiveViewer": "page",
+    "Viewer": "page",
     "check_url": "ground_map",
     "replay_page": "export",
 }
@@ -36,16 +35,15 @@ def __getattr__(name: str) -> Any:
 
 __all__ = [
     "LONGEST_REANCHOR_S",
+    "AnalysisResult",
+    "DisplayTrajectory",
     "Examine",
     "Feed",
-    "Footage",
-    "Insight",
-    "Judgement",
     "LinkState",
+    "LiveVerdict",
     "LiveViewer",
     "Mark",
     "Offer",
-    "Reckoning",
     "Recompute",
     "ReplayChoice",
     "Seen",
@@ -55,6 +53,7 @@ __all__ = [
     "best_path",
     "check_url",
     "chosen_track",
+    "display_trajectory",
     "extremes",
     "replay_page",
     "with_track",

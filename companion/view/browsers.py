@@ -7,19 +7,28 @@ moves everything that hangs on that name, in this browser alone.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view.panels.controls import listen, write
-from companion.view.scene.cameras import CAMERA_MODES, STILL, Framing, Pose, camera, step_back, world
-from companion.view.scene.scene import WORLD
-from companion.view.state import events
-from companion.view.state.events import CameraMode
-from companion.view.state.sample import Sample
+from companion.view.panels.controls import Controls, write
+from companion.view.scene.cameras import (
+    CAMERA_MODES,
+    STILL,
+    UNMOVED,
+    Framing,
+    Pose,
+    camera,
+    step_back,
+    world,
+)
+from companion.view.scene.drone import WORLD
+from companion.view.state.choice import CameraMode
+from companion.view.state.trajectory import Sample
 
 _NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
 
@@ -40,12 +49,20 @@ class Browsers:
         self,
         server: viser.ViserServer,
         folder: viser.GuiFolderHandle,
-        post: events.Post,
-        *,
-        mode: CameraMode = "Free",
+        controls: Controls,
+        choose: Callable[[int, CameraMode], object],
+        mode: CameraMode,
+        framing: Framing,
     ) -> None:
-        self._server, self._folder, self._post, self._mode = server, folder, post, mode
+        """folder: where each finds its list of cameras; choose: called where one of them is to look otherwise."""
+        self._server, self._folder, self._controls, self._choose, self._mode = server, folder, controls, choose, mode
         self._open: dict[int, _Browser] = {}
+        self.place(framing)
+
+    def place(self, framing: Framing) -> None:
+        """Where new browsers begin from now on."""
+        self.framing = framing
+        camera(self._mode, framing).begin(self._server.initial_camera)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -59,44 +76,42 @@ class Browsers:
                     together.enter_context(browser.client.atomic())
             yield
 
-    def join(self, number: int, framing: Framing) -> None:
+    def join(self, number: int) -> None:
         """A page has been opened. One that is closed again already is passed over."""
         client = self._server.get_clients().get(number)
         if client is None or number in self._open:
             return
         with self._folder:  # the list is this browser's own, in the folder that all share
-            choose = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
-        listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
+            chooser = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
+        self._controls.on_change(chooser, partial(self._choose, number))
         frame = client.scene.add_frame(WORLD, show_axes=False)
-        self._open[number] = _Browser(
-            client, frame, choose, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode
-        )
+        self._open[number] = _Browser(client, frame, chooser, UNMOVED, self._mode)
         # a page that has found its way to another server may keep the camera of the one before
-        _stand(client, self._mode, framing)
+        _stand(client, self._mode, self.framing)
 
-    def settle(self, framing: Framing) -> None:
+    def settle(self) -> None:
         """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""
         for browser in self._open.values():
-            wide = camera(self._mode, framing)
+            wide = camera(self._mode, self.framing)
             if _narrow(browser.client) and np.allclose(browser.client.camera.position, wide.position, rtol=1e-4):
-                _stand(browser.client, browser.mode, framing)
+                _stand(browser.client, browser.mode, self.framing)
 
     def leave(self, number: int) -> None:
         """A page has been closed."""
         self._open.pop(number, None)
 
-    def choose(self, number: int, mode: CameraMode, framing: Framing) -> None:
+    def choose(self, number: int, mode: CameraMode) -> None:
         """Look otherwise in one browser."""
         browser = self._open.get(number)
         if browser is not None and mode in CAMERA_MODES:
             browser.mode = mode
             write(browser.chooser, mode)
-            _stand(browser.client, mode, framing)
+            _stand(browser.client, mode, self.framing)
 
-    def reframe(self, framing: Framing) -> None:
+    def reframe(self) -> None:
         """Take every browser's camera to where its mode begins. From there on it is the user's."""
         for browser in self._open.values():
-            _stand(browser.client, browser.mode, framing)
+            _stand(browser.client, browser.mode, self.framing)
 
     def show(self, sample: Sample) -> None:
         """Move the world where a camera follows. A world that stands still costs nothing."""
@@ -116,10 +131,10 @@ class Browsers:
         browser = self._open.get(number)
         return None if browser is None else browser.pose
 
-    def last_moved(self, framing: Framing) -> tuple[Array, Pose]:
+    def last_moved(self) -> tuple[Array, Pose]:
         """Where the camera that moved last is, and how its world stands: sizes and names are one for all browsers."""
         if not self._open:
-            return camera("Free", framing).position, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+            return camera("Free", self.framing).position, UNMOVED
         browser = max(self._open.values(), key=lambda b: b.client.camera.update_timestamp)
         return browser.client.camera.position, browser.pose
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import struct
+import io
 import threading
-import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import viser
+from PIL import Image
+from viser.infra._infra import _remap_binary_placeholder_indices
 
 from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
-from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
-from companion.view.scene.recording import Recording
+from companion.view.scene.cameras import camera, frame, readable_span
+from companion.view.scene.drone import Move
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
-from companion.view.state.sample import Footage, Reckoning, footage
+from companion.view.state.trajectory import DisplayTrajectory
 from companion.view.state.work import begin, leave
 
 FRAMES_HZ = 10.0
@@ -47,7 +49,9 @@ def picture(client: viser.ClientHandle, *, dark: bool) -> bytes:
     pixels = np.asarray(drawn)
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4:
         raise RuntimeError(f"the browser has sent a picture of another kind ({pixels.dtype}, {pixels.shape})")
-    return png(over(pixels, 26 if dark else 255))
+    file = io.BytesIO()
+    Image.fromarray(over(pixels, 26 if dark else 255)).save(file, "PNG")
+    return file.getvalue()
 
 
 def over(rgba: Pixels, grey: int) -> Pixels:
@@ -56,28 +60,14 @@ def over(rgba: Pixels, grey: int) -> Pixels:
     return np.asarray((rgba[..., :3] * opacity + grey * (255 - opacity) + 127) // 255, np.uint8)
 
 
-def png(rgb: Pixels) -> bytes:
-    """Pixels (H, W, 3) as a PNG file (W3C PNG specification, third edition): one IDAT, no filter."""
-    height, width, _ = rgb.shape
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row begins with its filter: 0, none
-    rows[:, 1:] = rgb.reshape(height, 3 * width)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    body = chunk(b"IDAT", zlib.compress(rows.tobytes(), 6))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
-
-
-def replay_page(reckoning: Reckoning, flight: Flight, *, dark: bool = False) -> str:
-    """`page` for who has no view open. Raises DataError when nothing can be shown."""
+def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = False) -> str:
+    """`page` for who has no view open."""
     colours = palette.of_imus(flight.imus)
-    return page(footage(reckoning), drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
+    return page(display, drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
 
 
 def page(
-    film: Footage,
+    display: DisplayTrajectory,
     drone: Drone,
     colours: Mapping[str, Rgb] | None = None,
     home: Array | None = None,
@@ -85,25 +75,23 @@ def page(
     dark: bool = False,
 ) -> str:
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
-    framing = frame(film.replay.position_ref, film.replay.position_imu)
+    framing = frame(display.replay.position_ref, display.replay.position_imu)
     view = camera("Free", framing)
     # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile. Nobody knows
     # its token: no browser is meant to find it.
     server = open_server(Address("127.0.0.1", 0, loopback=True, token=new_token()))
     try:
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
-            first = server.initial_camera
-            first.position, first.look_at = view.position, view.look_at
-            first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
+            view.begin(server.initial_camera)
             scene = Scene(server.scene, drone)
-            scene.load(film, framing, drone, colours or {}, home)
+            scene.load(display, framing, drone, colours or {}, home)
             scene.trails(-np.inf, np.inf)
             scene.seen_from(view.position)
             span = readable_span(framing.distance, drone.span_m, 1.0)
-            duration = film.end - film.start
+            duration = display.end - display.start
             step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
             recording = Recording(server)
-            for i, sample in enumerate(film.samples(np.arange(film.start, film.end + 0.5 * step, step))):
+            for i, sample in enumerate(display.samples(np.arange(display.start, display.end + 0.5 * step, step))):
                 recording.add(scene.moves(sample))
                 if i % ANNOTATED == 0:
                     scene.annotate(sample, span, imu_above=True)
@@ -113,45 +101,91 @@ def page(
         close_server(server)
 
 
+_FLOAT32 = np.dtype(np.float32).str
+_POSES = {"wxyz": "SetOrientationMessage", "position": "SetPositionMessage"}
+
+
+class Recording:
+    """A scene from now on, as one HTML page with a player. Moves are given to it; other changes it sees by itself."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._recorded = recorded = server.get_scene_serializer()
+        self._places: dict[bytes, int] = {}  # of the bytes of a buffer, in the recording
+        buffers, recorded._binary_buffers = recorded._binary_buffers, []
+        places = [self._place(buffer) for buffer in buffers]
+        for _, message in recorded._messages:
+            _remap_binary_placeholder_indices(message, places)
+
+    def add(self, moves: Iterable[Move]) -> None:
+        """Record moves of this instant, without a write to the server, to which nobody listens.
+
+        Messages as viser 1.1 records them: its handles take twenty times as long to come to the same, and there are
+        seven in each picture.
+        """
+        when, messages = self._recorded._time, self._recorded._messages
+        for node, name, value in moves:
+            # float32, of which the browser's numbers are made: the digits behind only make the file larger.
+            rounded = value.astype(np.float32)
+            message: dict[str, object]
+            if name == "points":
+                message = {"type": "SceneNodeUpdateMessage", "updates": {name: self._buffered(rounded)}}
+            else:
+                message = {"type": _POSES[name], name: rounded.tolist()}
+            message["name"], message["owner"] = node.name, ""
+            messages.append((when, message))
+
+    def wait(self, seconds: float) -> None:
+        """What follows is shown so much later."""
+        self._recorded.insert_sleep(seconds)
+
+    def html(self, *, dark: bool) -> str:
+        """The page. To be called once."""
+        return self._recorded.as_html(dark_mode=dark)
+
+    def _buffered(self, array: np.ndarray[Any, Any]) -> dict[str, object]:
+        """Where the bytes of an array are in the recording."""
+        return {"__binary_index": self._place(array.data), "dtype": _FLOAT32}
+
+    def _place(self, buffer: memoryview) -> int:
+        """Where these bytes are, each kept once: what is there twice viser looks for in every message at the end."""
+        buffers = self._recorded._binary_buffers
+        place = self._places.setdefault(bytes(buffer), len(buffers))
+        if place == len(buffers):
+            buffers.append(buffer)
+        return place
+
+
 PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
 
 
 class Saver:
-    """What is asked of it is done one at a time."""
+    """Makes one file at a time. complain: called with why something could not be saved."""
 
-    def __init__(self) -> None:
-        self._turn = threading.Lock()
-        self._running: list[Future[str | None]] = []
+    def __init__(self, complain: Callable[[str], object]) -> None:
+        self._complain, self._turn = complain, threading.Lock()
+        self._running: list[Future[str]] = []
 
-    def picture(self, client: viser.ClientHandle, *, dark: bool) -> None:
-        """Send the browser what it shows, as PNG."""
-        self._submit(client, PICTURE, lambda: picture(client, dark=dark))
+    def save(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
+        """Send the browser what `make` makes, as a file of this name."""
 
-    def page(self, client: viser.ClientHandle, name: str, make: Callable[[], str]) -> None:
-        """Send the browser the page that `make` makes, as a file of this name."""
-        self._submit(client, name, lambda: make().encode())
-
-    def poll(self) -> str | None:
-        """Why something could not be saved, once, in words. An error that is none of the browser's is raised here."""
-        for done in [future for future in self._running if future.done()]:
-            self._running.remove(done)
-            trouble = done.result()
-            if trouble is not None:
-                return trouble
-        return None
-
-    def close(self) -> None:
-        """What is being made has a moment to end."""
-        leave(self._running)
-
-    def _submit(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
-        def work() -> str | None:
+        def work() -> str:
             try:
                 with self._turn:
                     content = make()
                 client.send_file_download(name, content, save_immediately=True)
             except (RuntimeError, TimeoutError, CompanionError) as error:  # the browser has gone, or did not answer
                 return f"{name} could not be saved: {error}"
-            return None
+            return ""
 
         self._running.append(begin("save", work))
+
+    def poll(self) -> None:
+        """Report what has gone wrong. An error that is none of the browser's is raised here."""
+        for done in [future for future in self._running if future.done()]:
+            self._running.remove(done)
+            if why := done.result():
+                self._complain(why)
+
+    def close(self) -> None:
+        """What is being made has a moment to end."""
+        leave(self._running)

@@ -1,6 +1,6 @@
-"""A map under the flight, for who has asked for one: tiles of a server on the network, kept on the disk for a while.
+"""A map under the flight, on request: tiles of a server on the network, kept on the disk for a while.
 
-Nothing is fetched before somebody asks.
+Nothing is fetched before it is requested.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import urllib.error
 import urllib.request
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -27,17 +27,17 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from companion.model import Array, CompanionError, Flight, InputError, SettingsError
+from companion.model import CompanionError, Flight, InputError, SettingsError
 from companion.view.scene.cameras import Framing
-from companion.view.state.places import MapPicture, degrees_of, ground_of, tiles_over
-from companion.view.state.work import LatestOnly
+from companion.view.state.places import MapPicture, local_frame, tiles_over
+from companion.view.state.work import Worker
 
 TIMEOUT_S = 20.0
 """For all tiles together."""
 _TILE_S = 6.0
 _MOST_BYTES = 2_000_000  # of a tile
 _PIXELS = 256
-_FRESH_S = 14 * 86400.0  # a tile is asked for again then; OpenStreetMap's policy is a week at least
+_FRESH_S = 14 * 86400.0  # a tile is requested again then; OpenStreetMap's policy is a week at least
 _MOST_KEPT = 500  # tiles
 _LEAST_M = 80.0  # of ground on each side of a vehicle that stands still
 _KINDS = ("PNG", "JPEG", "WEBP")
@@ -59,83 +59,64 @@ def check_url(url: str) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """Of which a map is asked for."""
-
-    flight: Flight
-    low: Array  # (3,) NED, m
-    high: Array
-
-
 class MapLayer:
     """The map of a replay: fetched in a thread of its own, of which only the newest order counts.
 
-    said: told whether a map is shown or on its way; complain: told why there is none.
+    lay: called with the picture, or None to take it away; report: with whether a map is shown or on its way; complain:
+    with why there is none.
     """
 
-    def __init__(self, url: str | None, said: Callable[[bool], None], complain: Callable[[str], None]) -> None:
-        self._fetcher: LatestOnly[Ground, MapPicture | CompanionError] = LatestOnly(
-            "map", lambda ground: _attempt(ground, url or "")
-        )
-        self._said, self._complain = said, complain
-        self._gone = False
+    def __init__(
+        self,
+        url: str | None,
+        lay: Callable[[MapPicture | None], object],
+        report: Callable[[bool], object],
+        complain: Callable[[str], object],
+    ) -> None:
+        self._url, self._lay, self._report, self._complain = url or "", lay, report, complain
+        self._fetcher = Worker("map")
+        self.poll, self.close = self._fetcher.poll, self._fetcher.close
         self.shown = False
 
     def show(self, shown: bool, flight: Flight, framing: Framing) -> None:
         """Fetch the map of this flight, or take it away."""
-        self._gone = True
-        self._said(shown)
+        self._lay(None)
+        self._report(shown)
         self._fetcher.forget()
         self.shown = shown
         if shown:
-            self._fetcher.request(Ground(flight, framing.low, framing.high))
+            self._fetcher.request(partial(ground_map, flight, framing, self._url), self._take)
 
-    def turn(self, lay: Callable[[MapPicture | None], None]) -> None:
-        """Lay what has come, take away what has gone."""
-        if self._gone:
-            self._gone = False
-            lay(None)
-        answer = self._fetcher.poll()
+    def _take(self, answer: MapPicture | CompanionError) -> None:
         if isinstance(answer, MapPicture):
-            lay(answer)
-        elif answer is not None:
-            self.shown = False
-            self._said(False)
-            self._complain(str(answer))
-
-    def close(self) -> None:
-        """What is under way is left alone after a moment."""
-        self._fetcher.close()
+            self._lay(answer)
+            return
+        self.shown = False
+        self._report(False)
+        self._complain(str(answer))
 
 
-def _attempt(ground: Ground, url: str) -> MapPicture | CompanionError:
-    try:
-        return ground_map(ground, url)
-    except CompanionError as error:
-        return error
-
-
-def ground_map(ground: Ground, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S) -> MapPicture:
+def ground_map(
+    flight: Flight, framing: Framing, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S
+) -> MapPicture:
     """The picture of the ground, with some around it.
 
     url: template of the tiles' addresses; folder: where tiles are kept, None for the user's cache. Raises InputError
     where the log does not tell where it flew, or the server does not give every tile within `timeout_s`.
     """
-    around = max(_LEAST_M, 0.1 * float(np.max(ground.high[:2] - ground.low[:2])))
-    bounds = degrees_of(ground.flight, ground.low - around, ground.high + around)
-    if bounds is None:
+    around = max(_LEAST_M, 0.1 * float(np.max(framing.high[:2] - framing.low[:2])))
+    local = local_frame(flight)
+    if local is None:
         raise InputError("No map: this log does not tell where on Earth it was flown.")
-    tiles = tiles_over(*bounds)
+    corners = np.stack([framing.low - around, framing.high + around])[:, :2]
+    tiles = tiles_over(*local.places(corners).ravel().tolist())
     pixels = np.zeros((tiles.rows * _PIXELS, tiles.columns * _PIXELS, 3), dtype=np.uint8)
     end, store = time.monotonic() + timeout_s, _Store(url, folder or cache_folder() / "map-tiles")
     for row, column, x, y in tiles:
         tile = store.tile(tiles.zoom, x, y, end)
         pixels[row * _PIXELS : (row + 1) * _PIXELS, column * _PIXELS : (column + 1) * _PIXELS] = tile
     store.tidy()
-    corners = ground_of(ground.flight, *tiles.corners)
-    assert corners is not None
-    low, high = corners
+    low, high = local.ground(np.array(tiles.corners).reshape(2, 2))
     return MapPicture(pixels, (low + high) / 2, high - low, credit(url))
 
 
@@ -166,7 +147,7 @@ class _Store:
     def tile(self, zoom: int, x: int, y: int, end: float) -> Pixels:
         """(256, 256, 3). end: of a monotonic clock, until when the server may take."""
         kept = self._folder / f"{self._mark}-{zoom}-{x}-{y}"
-        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is asked for
+        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is requested
             if time.time() - kept.stat().st_mtime < _FRESH_S:
                 return _decoded(kept.read_bytes())
         data = _fetched(self._url.replace("{z}", str(zoom)).replace("{x}", str(x)).replace("{y}", str(y)), end)
@@ -192,9 +173,9 @@ def _fetched(url: str, end: float) -> bytes:
     left = end - time.monotonic()
     if left <= 0:
         raise InputError(f"No map: {host} is too slow. Try again: what has come is kept.")
-    asked = urllib.request.Request(url, headers={"User-Agent": _user_agent()})
+    request = urllib.request.Request(url, headers={"User-Agent": _user_agent()})
     try:
-        with urllib.request.urlopen(asked, timeout=min(_TILE_S, left)) as answer:
+        with urllib.request.urlopen(request, timeout=min(_TILE_S, left)) as answer:
             data: bytes = answer.read(_MOST_BYTES + 1)
     except urllib.error.HTTPError as error:
         error.close()

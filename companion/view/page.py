@@ -1,4 +1,4 @@
-"""A page as a resource: a server, the one thread that turns what stands behind it, and their end."""
+"""The pages as resources: the replay of a log, and a vehicle on a link. Each a server and one view thread."""
 
 from __future__ import annotations
 
@@ -6,49 +6,35 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 import viser
 
-from companion.view.scene.scene import Scene
+from companion.model import Flight, InputError
+from companion.view.controller import Controller
+from companion.view.live_controller import TURN_HZ, LiveController
+from companion.view.panels.controls import Call, Post
+from companion.view.replay_controller import ReplayController
 from companion.view.server.web_server import close_server, find_address, open_server
-from companion.view.state import events
-from companion.view.viewport import Viewport
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
+from companion.view.state.feed import Feed
+from companion.view.state.player import Player
 
+POSE_HZ = 30.0
 _log = logging.getLogger(__name__)
 _MOST_FAILED = 10  # turns, one behind the other
 
-
-class Turned(Protocol):
-    """What stands behind a page. All of it runs in the view thread."""
-
-    def handle(self, event: events.Event) -> None:
-        """Do what a control of the page asks for."""
-
-    def turn(self, now: float, dt: float) -> None:
-        """Draw: at `now`, s of a steady clock, `dt` s after the last time."""
-
-    def wait(self) -> None:
-        """Wait until there is something new to draw, for some milliseconds at most. Called when a turn is due."""
-
-    def close(self) -> None:
-        """End whatever works beside the view thread."""
-
-    viewport: Viewport
-
-
-Behind = TypeVar("Behind", bound=Turned)
+Behind = TypeVar("Behind", bound=Controller)
 
 
 class Page(Generic[Behind]):
     """A web page. A resource: close it, or use it in a `with` block.
 
     build: makes what stands behind the page, once the server is up. or_next: where the port is taken, the next that is
-    free. token: to be asked for on 127.0.0.1 too. Raises
-    InputError for an address that is none.
+    free. token: required on 127.0.0.1 too. Raises InputError for an address that is none.
     """
 
     def __init__(
@@ -56,14 +42,17 @@ class Page(Generic[Behind]):
         host: str,
         port: int,
         rate_hz: float,
-        build: Callable[[viser.ViserServer, events.Post], Behind],
+        build: Callable[[viser.ViserServer, Post], Behind],
         *,
         or_next: bool = True,
         token: bool = False,
     ) -> None:
         self._address = find_address(host, port, or_next=or_next, token=token)
-        self._events: queue.SimpleQueue[events.Event] = queue.SimpleQueue()
-        self._server = open_server(self._address, lambda *asked: self._events.put(events.Visit(*asked)))
+        calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
+        self._calls, self.post = calls, calls.put  # post: do what a control of the page would do
+        self._server = open_server(
+            self._address, lambda t, imu, again: calls.put(lambda: self.controller.visit(t, imu, again=again))
+        )
         self._address = replace(self._address, port=self._server.get_port())
         self._stopping = threading.Event()
         self._closed = False
@@ -71,18 +60,18 @@ class Page(Generic[Behind]):
         self._failed = 0
         self._period = 1.0 / rate_hz
         try:
-            self._behind = build(self._server, self._events.put)
+            self.controller = build(self._server, self.post)
         except BaseException:
             close_server(self._server)
             raise
 
         @self._server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self._events.put(events.Joined(client.client_id))
+            calls.put(lambda: self.controller.join(client.client_id))
 
         @self._server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            self._events.put(events.Left(client.client_id))
+            calls.put(lambda: self.controller.browsers.leave(client.client_id))
 
         self._thread = threading.Thread(target=self._loop, name="companion-view", daemon=True)
         self._thread.start()
@@ -105,17 +94,7 @@ class Page(Generic[Behind]):
     @property
     def browsers(self) -> int:
         """How many pages are open."""
-        return len(self._behind.viewport.browsers)
-
-    @property
-    def scene(self) -> Scene:
-        """The world. To be read: where the drones are and how they stand."""
-        return self._behind.viewport.scene
-
-    @property
-    def pose_updates(self) -> int:
-        """How often both poses have been written since the start."""
-        return self._behind.viewport.pose_updates
+        return len(self.controller.browsers)
 
     @property
     def stopped(self) -> bool:
@@ -144,7 +123,7 @@ class Page(Generic[Behind]):
             return
         self._closed = True
         self._thread.join()
-        self._behind.close()
+        self.controller.close()
         close_server(self._server)
 
     def __enter__(self) -> Self:
@@ -157,27 +136,23 @@ class Page(Generic[Behind]):
         if error is None:
             self._reraise()
 
-    def post(self, event: events.Event) -> None:
-        """Do what a control of the page would do."""
-        self._events.put(event)
-
     def _reraise(self) -> None:
         failure, self._failure = self._failure, None
         if failure is not None:
             raise failure
 
-    def _attempt(self, event: events.Event) -> None:
-        """Do what a control of a page asks for, if it can be done: no browser ends the page for all."""
+    def _attempt(self, call: Call) -> None:
+        """Do what a control of a page requests, if it can be done: no browser ends the page for all."""
         try:
-            self._behind.handle(event)
+            call()
         except Exception as error:  # noqa: BLE001
-            _log.warning("dropped: %s (%s: %s)", event, type(error).__name__, error)
+            _log.warning("dropped: %s (%s: %s)", call, type(error).__name__, error)
             _log.debug("dropped", exc_info=error)
 
     def _turn(self, now: float, dt: float) -> None:
         """Draw. What fails once may be mended by the next sample; what fails again and again is raised."""
         try:
-            self._behind.turn(now, dt)
+            self.controller.turn(now, dt)
             self._failed = 0
         except Exception as error:
             self._failed += 1
@@ -192,13 +167,71 @@ class Page(Generic[Behind]):
             while not self._stopping.is_set():
                 now = time.monotonic()
                 # What changes together has to arrive together: a chart with a line too many for its data fails.
-                with self._behind.viewport.atomic():
-                    while not self._events.empty():
-                        self._attempt(self._events.get())
+                with self.controller.atomic():
+                    while not self._calls.empty():
+                        self._attempt(self._calls.get())
                     self._turn(now, now - before)
                 before = now
                 self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
-                self._behind.wait()
+                self.controller.wait()
         except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread
             self._failure = error
             self._stopping.set()
+
+
+class Viewer(Page[ReplayController]):
+    """A replay in the browser. A resource, see `Page`.
+
+    The first dead reckoning is done in the constructor, so that a flight that cannot be shown raises there
+    (CompanionError), before anything is served. The analysis result comes while it is looked at.
+    """
+
+    def __init__(
+        self,
+        flights: Sequence[Flight],
+        recompute: Recompute,
+        examine: Examine,
+        *,
+        flight: int = 0,
+        choice: ReplayChoice | None = None,
+        offer: Offer | None = None,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        or_next: bool = True,
+        token: bool = False,
+    ) -> None:
+        if not flights:
+            raise InputError("There is no flight to show.")
+        chosen = flights[flight]
+        requested = choice or ReplayChoice()
+        first = requested if requested.imu else replace(requested, imu=chosen.default_imu)
+        display = recompute(chosen, first)
+        super().__init__(
+            host,
+            port,
+            POSE_HZ,
+            lambda server, post: ReplayController(
+                server, tuple(flights), recompute, examine, offer or Offer(), chosen, first, display, post
+            ),
+            or_next=or_next,
+            token=token,
+        )
+
+    @property
+    def player(self) -> Player:
+        """The play clock. To be read; only the view thread moves it."""
+        return self.controller.player
+
+
+class LiveViewer(Page[LiveController]):
+    """A link in the browser. A resource, see `Page`.
+
+    feed: belongs to the view thread from now on. window_s: how far charts and trails reach back.
+    """
+
+    def __init__(
+        self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080, token: bool = False
+    ) -> None:
+        super().__init__(
+            host, port, TURN_HZ, lambda server, post: LiveController(server, feed, window_s, post), token=token
+        )

@@ -1,13 +1,16 @@
-"""What stands behind the page: the flight shown, the clock, and the order in which the browser hears of a change.
+"""What stands behind the page: the flight shown, the clock, and the order in which the browsers get a change.
 
 Everything here runs in the view thread, which alone writes to viser.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from urllib.parse import urlsplit
 
 import numpy as np
 import viser
@@ -16,35 +19,38 @@ from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
 from companion.view.charts.chart_pages import ChartPages
-from companion.view.export import PAGE, REPORT, Saver
+from companion.view.controller import Controller
+from companion.view.export import PAGE, PICTURE, REPORT, Saver
 from companion.view.ground_map import MapLayer
-from companion.view.panels.adjustments import EXTRA_PATHS, TRAILS, Adjustments
 from companion.view.panels.bands import bands, outside
-from companion.view.panels.controls import dock, listen_to_clicks
+from companion.view.panels.controls import Controls, Post, dock, write
+from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
-from companion.view.panels.verdict_panel import DriftTab, FindingsTab
-from companion.view.scene.cameras import frame_of
-from companion.view.scene.picking import picked
+from companion.view.panels.verdict import FindingsTab, drift_tab
+from companion.view.scene.cameras import frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state import events
-from companion.view.state.cadence import Cadence
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
-from companion.view.state.marks import Mark, text_marks
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
+from companion.view.state.marks import text_marks
 from companion.view.state.places import best_path, gps_path, home_position
-from companion.view.state.player import Player, instant, move
-from companion.view.state.sample import Footage, with_insight
-from companion.view.state.work import Opinion, Outcome, Work
-from companion.view.viewport import Viewport
+from companion.view.state.player import Player
+from companion.view.state.sending import update
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, with_result
+from companion.view.state.work import Worker
 
-APART = 0.4
-"""s between a chart's new size and its new data: a slow page must not take them for one change (Plots.relayout)."""
+PATIENCE_S = 1.0  # of work before it is spoken of
 OPENING, UNSEEN = 1.5, 2.0
 """s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
 being built needs the machine for itself."""
+TRAILS = {
+    "Last 60 s": TrailSpan(60.0),
+    "Last 10 s": TrailSpan(10.0),
+    "Path so far": TrailSpan(None),
+    "Whole path": TrailSpan(None, ahead=True),
+}
 
 
-class ReplayController:
+class ReplayController(Controller):
     """One session: built when the server is up, then turned over and over by the view thread."""
 
     def __init__(
@@ -54,197 +60,198 @@ class ReplayController:
         recompute: Recompute,
         examine: Examine,
         offer: Offer,
-        first: Outcome,
-        film: Footage,
-        post: events.Post,
+        flight: Flight,
+        choice: ReplayChoice,
+        display: DisplayTrajectory,
+        post: Post,
     ) -> None:
-        self._server, self._flights = server, flights
-        self._flight, self._choice, self._film = first.flight, first.choice, film
-        self._asked = first.choice  # for last: what is shown may still be the one before
-        self._work, self._report = Work(recompute, examine), offer.report
-        self._saver = Saver()
-        self.player = Player(film.start, film.end)
-        self._marks: list[Mark] = []
-        self._trail = next(iter(TRAILS.values()))
-        self._is_due = Cadence(labels=8.0, trails=8.0, plots=4.0, progress=2.0)
+        self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
+        self._requested = choice  # last: what is shown may still be the one before
+        self._recompute, self._analyse, self._report = recompute, examine, offer.report
+        # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
+        self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
+        self._saver = Saver(self._complain)
+        self.player = player = Player(display.start, display.end)
         self._trouble = False
-        self._asked_for = False  # whether an address has asked for an instant or an IMU
+        self._visited = False  # whether an address has requested an instant or an IMU
+        controls, gui = Controls(server.gui, post), server.gui
         # A phone shows the panels one below the other, in this order.
-        self._panel = Panel(server.gui, flights, post)
-        bottom, side, more = (server.gui.add_panel() for _ in range(3))
+        self._panel = Panel(controls, flights, self.pick_flight)
+        bottom, side, more = (gui.add_panel() for _ in range(3))
         with side.add_tab("Findings", viser.Icon.LIST_DETAILS):
-            self._findings = FindingsTab(server.gui, post)
+            self._findings = FindingsTab(controls, lambda finding: player.go(finding.start_s))
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
-            self._charts = ChartPages(server.gui, post)
+            self.charts = self._charts = ChartPages(controls)
         with side.add_tab("Drift", viser.Icon.TABLE):
-            self._drift = DriftTab(server.gui)
+            self._drift = gui.add_html("")
         with more.add_tab("Adjust", viser.Icon.ADJUSTMENTS):
-            self._adjustments = Adjustments(server.gui, first.flight, offer, post)
-        self._timeline = Timeline(server.gui, bottom, self._adjustments.playing, post)
-        dock(server.gui, side)
-        more.dock_below(server.gui.main_panel)
+            self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
+            super().__init__(
+                server,
+                controls,
+                drone_for(flight.vehicle.type),
+                frame_of(display),
+                TRAILS,
+                expects=True,
+                map_host=urlsplit(offer.map_url or "").hostname or "",
+                rates={"labels": 8.0, "charts": 4.0, "progress": 2.0},
+            )
+            playing = gui.add_folder("Playing")
+            self._add_save(controls)
+        self._timeline = Timeline(controls, bottom, playing, player, self.choose_camera)
+        dock(gui, side)
+        more.dock_below(gui.main_panel)
         bottom.expand()
-        listen_to_clicks(server.scene, post)
-        drone = drone_for(first.flight.vehicle.type)
-        self.viewport = Viewport(server, self._adjustments.picture, drone, frame_of(film), post)
+
+        @server.scene.on_click()  # type: ignore[arg-type]  # an async one runs in order: viser does not declare it
+        async def _(click: viser.SceneClickEvent) -> None:  # where no control is and nothing was dragged
+            post(partial(self._pick_place, click.client_id, click.ray_origin, click.ray_direction))
+
         self._load()
-        self._map = MapLayer(offer.map_url, self._adjustments.choose_map, self._complain)
+        self._map = MapLayer(offer.map_url, self.scene.ground.show_map, self._report_map, self._complain)
+        controls.on_change(self.map_box, lambda shown: self._show_map(shown is True))
         if offer.map_shown:
-            self._map.show(True, self._flight, self.viewport.framing)
+            self._show_map(True)
         self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
 
     def close(self) -> None:
         """End the workers."""
-        self._work.close()
+        for worker in (self._computer, self._examiner):
+            worker.close()
         self._saver.close()
         self._map.close()
 
-    def wait(self) -> None:
-        """A recording has it all already."""
-
     def turn(self, now: float, dt: float) -> None:
-        """What has been reckoned, the clock, the picture: at `now`, s of any steady clock, `dt` after the last turn."""
-        done = self._work.poll()
-        if isinstance(done, Outcome):
-            self._take(done)
-        elif isinstance(done, Opinion):
-            self._hear(done)
-        elif self._is_due("progress", now):
-            progress = self._work.progress()
-            if progress or not self._trouble:
-                self._panel.status(progress)
-        said = self._saver.poll()
-        if said is not None:
-            self._complain(said)
-        self._map.turn(self.viewport.scene.ground.show_map)
-        if now >= self._examine_at:
+        """What has been dead-reckoned, the clock, the picture."""
+        for worker in (self._computer, self._examiner, self._saver, self._map):
+            worker.poll()
+        if self.is_due("progress", now) and ((progress := self._progress()) or not self._trouble):
+            self._panel.status(progress)
+        if now >= (self.joined_at + OPENING if self.joined_at and self._examine_at < np.inf else self._examine_at):
             self._examine()
         self.player.advance(dt)
         self._draw(now)
 
-    def handle(self, event: events.Event) -> None:
-        """Do what a control of a page asks for."""
-        match event:
-            case events.Change(change):
-                self._reckon(self._flight, change(self._asked))
-            case events.StartHere():
-                self._reckon(self._flight, replace(self._asked, start_s=self.player.time))
-            case events.PickFlight(index):
-                if 0 <= index < len(self._flights):
-                    other = self._flights[index]
-                    self._reckon(other, replace(self._asked, imu=other.default_imu, others=(), start_s=None))
-            case events.PickCharts(page):
-                self._charts.pick(page)
-            case events.SetTrail():
-                self._trail = event
-                self._is_due.at_once("trails")
-            case events.Visit():
-                self._visit(event)
-            case events.Save(browser, what):
-                self._save(browser, what)
-            case _ if isinstance(event, events.Move):
-                move(self.player, event, self._film, self._marks)
-                if isinstance(event, events.SetPart):
-                    self._timeline.choose_part(self.player)
-                    self._charts.choose_part((self.player.start, self.player.end))
-            case events.PickPlace():
-                self._pick(event)
-            case _ if isinstance(event, events.Look):
-                self._look(event)
+    def change(self, part: Callable[[ReplayChoice], ReplayChoice]) -> None:
+        """Dead-reckon otherwise in one respect."""
+        self._compute(self._flight, part(self._requested))
 
-    def _look(self, event: events.Look) -> None:
-        if isinstance(event, events.Joined) and self._examine_at < np.inf:
-            self._examine_at = time.monotonic() + OPENING
-        self.viewport.handle(event)
-        if isinstance(event, events.SetMap):
-            self._map.show(event.shown, self._flight, self.viewport.framing)
-        if isinstance(event, events.SetPath):
-            self._legend()
+    def pick_flight(self, index: int) -> None:
+        """Show another flight, by its place in the list."""
+        if 0 <= index < len(self._flights):
+            other = self._flights[index]
+            self._compute(other, replace(self._requested, imu=other.default_imu, others=(), start_s=None))
 
-    def _pick(self, event: events.PickPlace) -> None:
-        """Go to where a path was clicked on."""
-        pose = self.viewport.browsers.pose(event.browser)
-        if pose is None:
+    def visit(self, t: str, imu: str, *, again: bool) -> None:
+        """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
+        if again and (self._visited or len(self.browsers) > 1 or self.player.time > self.player.start):
             return
-        origin, direction = pose.back(np.array(event.origin)), pose.back_along(np.array(event.direction))
-        t = picked(self._film, origin, direction)
-        if t is not None:
-            self.player.go(t)
+        self._visited = True
+        with contextlib.suppress(ValueError):
+            self.player.go(float(t))
+        if imu in self._flight.imus and imu != self._requested.imu:
+            others = tuple(name for name in self._requested.others if name != imu)
+            self._compute(self._flight, replace(self._requested, imu=imu, others=others))
 
-    def _visit(self, visit: events.Visit) -> None:
-        """Show what an address asks for, as far as there is such a thing; what a page remembers, where all is new."""
-        if visit.again and (self._asked_for or len(self.viewport.browsers) > 1 or self.player.time > self.player.start):
-            return
-        self._asked_for = True
-        seconds, imu = instant(visit.t), visit.imu
-        if seconds is not None:
-            self.player.go(seconds)
-        if imu in self._flight.imus and imu != self._asked.imu:
-            others = tuple(name for name in self._asked.others if name != imu)
-            self._reckon(self._flight, replace(self._asked, imu=imu, others=others))
+    def _pick_place(self, browser: int, origin: Sequence[float], direction: Sequence[float]) -> None:
+        """Go to the place of a path that was clicked on: a ray in a browser's own world, m."""
+        pose = self.browsers.pose(browser)
+        if pose is not None:
+            t = picked(self._display, pose.back(np.array(origin)), pose.back_along(np.array(direction)))
+            if t is not None:
+                self.player.go(t)
 
-    def _save(self, browser: int, what: str) -> None:
-        client = self._server.get_clients().get(browser)
-        if client is None:
-            return
-        if what == "picture":
-            self._saver.picture(client, dark=self.viewport.dark)
-            return
-        flight, choice, film = self._flight, self._choice, self._film
-        if what == "report" and (report := self._report) is not None:
-            self._saver.page(client, REPORT, lambda: report(flight, choice, film))
-        elif what == "page":
-            drone, colours, home, dark = self.viewport.drone, self._colours, self._home, self.viewport.dark
-            self._saver.page(client, PAGE, lambda: export.page(film, drone, colours, home, dark=dark))
+    def _show_map(self, shown: bool) -> None:
+        self._map.show(shown, self._flight, self.browsers.framing)
 
-    def _take(self, outcome: Outcome) -> None:
-        if isinstance(outcome.result, CompanionError):
-            self._complain(str(outcome.result))
-            self._asked = self._choice
+    def _report_map(self, shown: bool) -> None:
+        if self.map_box.value != shown:
+            write(self.map_box, shown)
+
+    def _add_save(self, controls: Controls) -> None:
+        gui, file = controls.gui, viser.Icon.FILE_EXPORT
+        with gui.add_folder("Save", expand_by_default=False):
+            picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
+            page = gui.add_button("The 3D replay (HTML)", icon=file)
+            report = gui.add_button(
+                "The report (HTML)",
+                icon=file,
+                visible=self._report is not None,
+                hint="Verdict, charts and tables of what is shown, to mail or print",
+            )
+        for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
+            controls.on_click_in(button, save)
+
+    def _save(self, browser: int, name: str, make: Callable[[viser.ClientHandle], bytes]) -> None:
+        if client := self._server.get_clients().get(browser):
+            self._saver.save(client, name, partial(make, client))
+
+    def _save_picture(self, browser: int) -> None:
+        self._save(browser, PICTURE, partial(export.picture, dark=self.dark))
+
+    def _save_page(self, browser: int) -> None:
+        make = partial(export.page, self._display, self.drone, self._colours, self._home, dark=self.dark)
+        self._save(browser, PAGE, lambda _: make().encode())
+
+    def _save_report(self, browser: int) -> None:
+        if (report := self._report) is not None:
+            flight, choice, display = self._flight, self._choice, self._display
+            self._save(browser, REPORT, lambda _: report(flight, choice, display).encode())
+
+    def _take(self, flight: Flight, choice: ReplayChoice, computed: DisplayTrajectory | CompanionError) -> None:
+        if isinstance(computed, CompanionError):
+            self._complain(str(computed))
+            self._requested = self._choice
             self._panel.choose_flight(self._flight)
-            self._adjustments.load(self._flight, self._asked, self._film.start)
-            if self._film.insight is None:  # the analysis of what is still shown was given up for this
+            self._adjustments.load(self._flight, self._requested, self._display.start)
+            if self._display.result is None:  # the analysis of what is still shown was given up for this
                 self._examine()
             return
         self._trouble = False
-        other_flight = outcome.flight is not self._flight
-        self._flight, self._choice, self._film = outcome.flight, outcome.choice, outcome.result
-        self.player.load(self._film.start, self._film.end, None if other_flight else self.player.time)
+        other_flight = flight is not self._flight
+        self._flight, self._choice, self._display = flight, choice, computed
+        self.player.load(computed.start, computed.end, None if other_flight else self.player.time)
         self._load()
         self._examine()
         if other_flight:
-            self.viewport.reframe()
-            self._map.show(self._map.shown, self._flight, self.viewport.framing)
+            self.browsers.reframe()
+            self._show_map(self._map.shown)
 
-    def _reckon(self, flight: Flight, choice: ReplayChoice) -> None:
+    def _compute(self, flight: Flight, choice: ReplayChoice) -> None:
         self._examine_at = np.inf  # what is shown now is soon to be replaced
-        self._asked = choice
-        self._work.reckon(flight, choice)
+        self._requested = choice
+        self._examiner.forget()
+        self._computer.request(partial(self._recompute, flight, choice), partial(self._take, flight, choice))
 
     def _examine(self) -> None:
         self._examine_at = np.inf
-        self._work.examine(Outcome(self._flight, self._choice, self._film))
+        self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
 
-    def _hear(self, opinion: Opinion) -> None:
+    def _take_result(self, result: AnalysisResult | CompanionError) -> None:
         """The analysis has come: findings, tables, what is expected. The picture stays as it is."""
-        if opinion.film is not self._film:
+        if isinstance(result, CompanionError):
+            self._wait(str(result))
             return
-        if isinstance(opinion.result, CompanionError):
-            self._wait(str(opinion.result))
-            return
-        self._film = with_insight(self._film, opinion.result)
+        self._display = with_result(self._display, result)
         self._say()
+
+    def _progress(self) -> str:
+        """What goes on, in words, when it takes long."""
+        if (seconds := self._computer.busy_s) >= PATIENCE_S:
+            return f"Recomputing for {seconds:.0f} s. Changing a setting restarts it."
+        seconds = self._examiner.busy_s
+        return f"The analysis has worked for {seconds:.0f} s." if seconds >= PATIENCE_S else ""
 
     def _complain(self, why: str) -> None:
         self._trouble = True
         self._panel.status(why, trouble=True)
 
     def _load(self) -> None:
-        """Lay out everything that stays the same until the next reckoning."""
-        self.viewport.drone = drone_for(self._flight.vehicle.type)
-        self.viewport.place(frame_of(self._film))
+        """Lay out everything that stays the same until the next dead reckoning."""
+        self.drone = drone_for(self._flight.vehicle.type)
+        self.browsers.place(frame_of(self._display))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
-        self.viewport.scene.load(self._film, self.viewport.framing, self.viewport.drone, self._colours, self._home)
+        self.scene.load(self._display, self.browsers.framing, self.drone, self._colours, self._home)
         self._wait("Analysis in progress.")
         self._say()
 
@@ -253,46 +260,50 @@ class ReplayController:
         self._panel.wait(why)
 
     def _say(self) -> None:
-        """Lay out what is said of the footage beside the picture."""
-        film, insight = self._film, self._film.insight
-        self._marks = text_marks(self._flight)
-        if insight is not None:
-            self._marks = sorted([*self._marks, *insight.marks], key=lambda mark: mark.t)
-        best = insight.assessment.best if insight is not None else None
+        """Lay out what stands beside the picture."""
+        display, result = self._display, self._display.result
+        marks = text_marks(self._flight)
+        if result is not None:
+            marks = sorted([*marks, *result.marks], key=lambda mark: mark.t)
+        best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
-        self.viewport.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.viewport.framing.distance)
-        self._charts.load(film, self._flight, self._colours, (self.player.start, self.player.end))
-        self._panel.load(self._flight, film)
+        self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
+        self._part = (self.player.start, self.player.end)
+        self._charts.load(display, self._flight, self._colours, self._part)
+        self._panel.load(self._flight, display)
         self._legend()
-        self._adjustments.load(self._flight, self._asked, film.start)
-        below = bands(self._flight, film)
-        self._timeline.load(self.player, self._marks, film.replay.anchors.tolist(), below)
-        self._findings.load(insight, outside(below.findings, film.start, film.end))
-        self._drift.load(insight, self._colours)
-        self._is_due.at_once()
+        self._adjustments.load(self._flight, self._requested, display.start)
+        below = bands(self._flight, display)
+        self.player.stops = {
+            "anchor": display.replay.anchors,
+            "event": np.array([mark.t for mark in marks]),
+            "sample": display.replay.t,
+        }
+        self._timeline.load(marks, display.replay.anchors.tolist(), below)
+        self._findings.load(result, outside(below.findings, display.start, display.end))
+        self._drift.content = drift_tab(result, self._colours)
+        self.is_due.at_once()
 
     def _legend(self) -> None:
-        extra_paths = self.viewport.scene.extra_paths
-        self._panel.introduce(self._film, self._colours, [name for name in EXTRA_PATHS if extra_paths.visible(name)])
-        for name in EXTRA_PATHS:
-            self._adjustments.offer(name, extra_paths.there[name])
+        extra_paths = self.scene.extra_paths
+        self._paths = extra_paths.visible
+        self._panel.introduce(self._display, self._colours, self._paths)
+        for name, there in extra_paths.there.items():
+            update(self.extra_path_boxes[name], visible=there)
 
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
-        sample = self._film.at(self.player.time)
-        self.viewport.show(sample)
-        if self._is_due("labels", now):
-            self.viewport.annotate(sample)
-            self._panel.show(sample, self._film, self.viewport.scene.ground.cell)
-            self._timeline.show(self.player)
-        if self._is_due("trails", now):
-            since = -np.inf if self._trail.seconds is None else sample.t - self._trail.seconds
-            self.viewport.scene.trails(since, np.inf if self._trail.ahead else sample.t)
-        left = self.viewport.to_lay_out(now)
-        if left < APART:
-            self._is_due.wait("plots", now + left + APART)
-            if left <= 0:
-                self._charts.relayout()
-                self.viewport.laid_out()
-        elif self._is_due("plots", now):
-            self._charts.show(sample)
+        if self._part != (part := (self.player.start, self.player.end)):
+            self._part = part
+            self._timeline.choose_part()
+            self._charts.choose_part(part)
+        sample = self._display.at(self.player.time)
+        self.draw(sample)
+        if self.is_due("labels", now):
+            self.annotate(sample)
+            if self._paths != self.scene.extra_paths.visible:
+                self._legend()
+            self._panel.show(sample, self._display, self.scene.ground.cell)
+            self._timeline.show()
+        self.draw_trails(now, sample.t, self.scene.trails)
+        self.draw_charts(now, lambda: self._charts.show(sample))

@@ -41,7 +41,7 @@ def fetched(url: str) -> str:
 def told(url: str, *words: str) -> None:
     """Open the page, and wait until it has been told these."""
     with plain_page(url) as page:
-        page.listen(lambda: all(word in str(page.told) for word in words))
+        page.listen(lambda: all(word in str(page.messages) for word in words))
 
 
 def threads() -> set[str]:

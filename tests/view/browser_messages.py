@@ -17,10 +17,10 @@ import zstandard
 
 from tests.waiting import LIMIT_S
 
-Told = dict[str, Any]
+Message = dict[str, Any]
 """A message: its type, and its fields."""
 
-CAMERA: Told = {
+CAMERA: Message = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [5.0, 5.0, 5.0], "fov": 1.0, "near": 0.1,
     "far": 100.0, "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, -1.0], "image_height": 600, "image_width": 800,
 }  # fmt: skip
@@ -35,9 +35,9 @@ class PlainPage:
 
     def __init__(self, socket: websockets.sync.connection.Connection) -> None:
         self._socket = socket
-        self.told: list[Told] = []
+        self.messages: list[Message] = []
 
-    def send(self, message: Told) -> None:
+    def send(self, message: Message) -> None:
         self._socket.send(pack(message))
 
     def press(self, label: str) -> None:
@@ -46,11 +46,11 @@ class PlainPage:
     def choose(self, label: str, value: object) -> None:
         self.send({"type": "GuiUpdateMessage", "uuid": self.control(label)["uuid"], "updates": {"value": value}})
 
-    def control(self, label: str) -> Told:
-        return next(one for one in self.told if one.get("props", {}).get("label") == label)
+    def control(self, label: str) -> Message:
+        return next(one for one in self.messages if one.get("props", {}).get("label") == label)
 
     def listen(self, until: Callable[[], bool]) -> None:
-        """Take what is told until then. Raises TimeoutError when that does not come."""
+        """Take what is sent until then. Raises TimeoutError when that does not come."""
         end = time.monotonic() + LIMIT_S
         while not until():
             if time.monotonic() > end:
@@ -60,12 +60,12 @@ class PlainPage:
                 assert isinstance(raw, bytes)
                 grown, packed = struct.unpack("<QQ", raw[:16])
                 inner = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + packed], max_output_size=grown)
-                self.told += msgspec.msgpack.decode(inner)["messages"]
+                self.messages += msgspec.msgpack.decode(inner)["messages"]
 
 
 @contextlib.contextmanager
 def plain_page(url: str) -> Iterator[PlainPage]:
-    """Open it, and have it drawn: a page is there when it has told where its camera is."""
+    """Open it, and have it drawn: a page is there when it has sent where its camera is."""
     version = websockets.Subprotocol(f"viser-v{viser.__version__}")
     address = url.replace("http", "ws", 1)
     with websockets.sync.client.connect(address, subprotocols=[version], proxy=None, max_size=None) as socket:

@@ -15,7 +15,7 @@ from companion.analysis import (
 from companion.app.examination import assess_imu
 from companion.app.settings import Settings
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, chosen_track, with_track
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, chosen_track, display_trajectory, with_track
 
 RATE = 50.0
 DURATION = 60.0
@@ -56,22 +56,22 @@ def make_flight(radius: float = 40.0, sysid: int = 1, duration: float = DURATION
     )
 
 
-def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
-    """`reckon`, as the viewer asks for it."""
-    others = {name: reckon(flight, choice, worse=1.5) for name in choice.others}
-    return Reckoning(reckon(flight, choice), chosen_track(flight, choice), others)
+def recompute(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
+    """`dead_reckon`, as the viewer asks for it."""
+    others = {name: dead_reckon(flight, choice, worse=1.5) for name in choice.others}
+    return display_trajectory(dead_reckon(flight, choice), chosen_track(flight, choice), others)
 
 
-def examine(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
     """What the analysis says of the made-up readings: nothing good, for the IMU stands still while it circles."""
-    seen = with_track(flight, film.track or flight.imu(choice.imu))
+    seen = with_track(flight, display.track or flight.imu(choice.imu))
     found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
     over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
-    expected = expected_since_anchor(found.comparison, found.figures, found.autopilot, film.replay)
-    return Insight(found, over, choice.horizon_s, expected=expected)
+    expected = expected_since_anchor(found.comparison, found.figures, found.autopilot, display.replay)
+    return AnalysisResult(found, over, choice.horizon_s, expected=expected)
 
 
-def reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:
+def dead_reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:
     """A stand-in for the analysis: errors that grow with the time since the anchor, faster with Euler."""
     if flight.attitude is None or flight.position is None:
         raise DataError("This flight has no attitude. Record one with ATTITUDE.")

@@ -6,6 +6,7 @@ import re
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,20 @@ from playwright.sync_api import Browser, Page, expect
 
 from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, export
+from companion.view import (
+    AnalysisResult,
+    DisplayTrajectory,
+    ReplayChoice,
+    Viewer,
+    chosen_track,
+    display_trajectory,
+    export,
+)
 from companion.view.charts.chart_pages import ChartPages
-from companion.view.panels.reckoning_controls import GYRO_UNIT
+from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
-from companion.view.state import events
 from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
-from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
+from tests.view.circles import BOOT, dead_reckon, examine, make_flight, recompute
 from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.browser
@@ -46,8 +54,8 @@ def cursor(page: Page) -> float:
 
 
 def hear_all(page: Page, viewer: Viewer, t: float) -> None:
-    """Go to t s and wait until the charts say so: what the page was told before it has heard too."""
-    viewer.post(events.Seek(t))
+    """Go to t s and wait until the charts say so: what the page was sent before has arrived too."""
+    viewer.post(partial(viewer.player.seek, t))
     until(lambda: abs(cursor(page) - t) < 0.2, "the instant in the charts")
 
 
@@ -55,17 +63,24 @@ def test_play(wide_page: Page, flight: Flight) -> None:
     page = wide_page
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
-        before = (viewer.player.time, viewer.scene.imu.position, viewer.scene.imu.wxyz, cursor(page))
+        before = (
+            viewer.player.time,
+            viewer.controller.scene.imu.position,
+            viewer.controller.scene.imu.wxyz,
+            cursor(page),
+        )
         keep(page, "before-play")
         page.get_by_role("button", name="Play", exact=True).click()
         expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
 
-        updates = viewer.pose_updates
-        until(lambda: viewer.player.time > before[0] + 1.0 and viewer.pose_updates > updates + 20, "it plays")
+        updates = viewer.controller.pose_updates
+        until(
+            lambda: viewer.player.time > before[0] + 1.0 and viewer.controller.pose_updates > updates + 20, "it plays"
+        )
         page.get_by_role("button", name="Pause", exact=True).click()
         until(lambda: not viewer.player.playing, "paused")
-        assert np.linalg.norm(viewer.scene.imu.position - before[1]) > 1.0
-        assert np.abs(viewer.scene.imu.wxyz - before[2]).max() > 0.01
+        assert np.linalg.norm(viewer.controller.scene.imu.position - before[1]) > 1.0
+        assert np.abs(viewer.controller.scene.imu.wxyz - before[2]).max() > 0.01
         until(lambda: abs(cursor(page) - before[3] - (viewer.player.time - before[0])) < 0.1, "the charts' cursor")
         choose(page, "Paths", "Whole path")
 
@@ -81,7 +96,7 @@ def where_is(replay: Replay, t: float, page: Page, viewer: Viewer) -> tuple[floa
 
     The picture lies between the panels, whose widths depend on how the window came to its size.
     """
-    (browser,) = viewer._behind.viewport.browsers._open.values()
+    (browser,) = viewer.controller.browsers._open.values()
     view, box = browser.client.camera, page.locator("canvas").first.bounding_box()
     assert box is not None
     along = view.look_at - view.position
@@ -120,7 +135,7 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.keyboard.press("Home")
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
-        flown = reckon(flight, ReplayChoice())
+        flown = dead_reckon(flight, ReplayChoice())
 
         def clicked() -> bool:
             """The picture may be drawn anew under the pointer: a click that nothing hears is made again."""
@@ -137,43 +152,43 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
 
 
 def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
-    asked: list[ReplayChoice] = []
+    requested: list[ReplayChoice] = []
     seen = threading.Event()
 
-    def listen(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        asked.append(choice)
-        if choice.how.method == "euler" and len(asked) == 2:
+    def listen(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
+        requested.append(choice)
+        if choice.how.method == "euler" and len(requested) == 2:
             seen.wait(LIMIT_S)  # longer work
         return recompute(flight, choice)
 
     with Viewer([flight], listen, examine) as viewer:  # loaded anew: of the last server the page keeps what was typed
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
-        until(lambda: asked[-1].how.method == "euler", "the integrator")
+        until(lambda: requested[-1].how.method == "euler", "the integrator")
         expect(page.get_by_text(re.compile(r"Recomputing for \d+ s"))).to_be_visible()
         seen.set()
         expect(page.get_by_text("Recomputing for")).to_have_count(0)  # done
         choose(page, "IMU", "SCALED_IMU2")
-        until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
+        until(lambda: requested[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Interpolation", "Linear")
-        until(lambda: asked[-1].how.middle == "linear", "the middle sample")
+        until(lambda: requested[-1].how.middle == "linear", "the middle sample")
         page.get_by_role("button", name="+10", exact=True).click()
         page.get_by_role("button", name="Start from the instant shown").click()
-        until(lambda: asked[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
+        until(lambda: requested[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
         page.get_by_role("textbox", name="Segments").fill("4")
-        until(lambda: asked[-1].how.segments == 4, "the segments")
+        until(lambda: requested[-1].how.segments == 4, "the segments")
         choose(page, "Gravity, m/s²", "Where it flew (WGS-84)")
-        until(lambda: asked[-1].gravity == "normal", "the gravity")
+        until(lambda: requested[-1].gravity == "normal", "the gravity")
         page.get_by_text("Subtract a bias from the IMU").click()
         label = f"//label[.='Gyro forward, {GYRO_UNIT}']"
         row = f"xpath={label}/ancestor::div[contains(@class,'Flex')][1]//input[@type='text']"
         page.locator(row).fill("3")
-        until(lambda: asked[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
+        until(lambda: requested[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
         page.get_by_role("button", name="No bias").click()
-        until(lambda: asked[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
+        until(lambda: requested[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
         page.get_by_role("checkbox", name="Re-anchor").click()
-        until(lambda: asked[-1].reanchor_s is None, "free running")
+        until(lambda: requested[-1].reanchor_s is None, "free running")
         page.get_by_role("button", name="+10", exact=True).click()
         expect(page.get_by_role("cell", name="10.0 s", exact=True)).to_be_visible()
         choose(page, "Camera", "Follow")
@@ -196,14 +211,14 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
 
 def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
-    said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
-    speaking = replace(flight, texts=said, parameters={evil: 1.0})
+    reported = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
+    speaking = replace(flight, texts=reported, parameters={evil: 1.0})
 
-    def find(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
-        insight = examine(flight, choice, film)
+    def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
+        result = examine(flight, choice, display)
         found = Finding("frozen", "imu", "error", BOOT + 45.0, BOOT + 46.0, f"seen {evil}", f"do {evil}")
         verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
-        return replace(insight, assessment=replace(insight.assessment, verdict=verdict))
+        return replace(result, assessment=replace(result.assessment, verdict=verdict))
 
     with Viewer([speaking], recompute, find, port=next_port(page)) as viewer:
         visit(page, viewer)
@@ -227,9 +242,9 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         relayout(plots)
         laid_out.append(plots)
 
-    def loaded(plots: ChartPages, film: Footage, *rest: Any) -> None:
-        load(plots, film, *rest)
-        known.append(film.insight is not None)
+    def loaded(plots: ChartPages, display: DisplayTrajectory, *rest: Any) -> None:
+        load(plots, display, *rest)
+        known.append(display.result is not None)
 
     monkeypatch.setattr(ChartPages, "relayout", counted)
     monkeypatch.setattr(ChartPages, "load", loaded)
@@ -257,14 +272,14 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         until(zoomed, "the chart zoomed to the second quarter")
         before = page.evaluate(zoom)
         assert page.locator(".u-legend .u-value").first.inner_text() != "--"  # the values where the pointer is
-        viewer.post(events.Toggle())
+        viewer.post(viewer.player.toggle)
         until(lambda: len(laid_out) >= 3, "the third layout")
-        viewer.post(events.Toggle())
+        viewer.post(viewer.player.toggle)
         hear_all(page, viewer, BOOT + 2.0)
         assert page.evaluate(zoom) == before
         keep(page, "zoomed")
-        viewer.post(events.Seek(BOOT + 40.0))
-        viewer.post(events.SetPart("from"))  # a part is a zoom that all charts share, and is thinned anew
+        viewer.post(partial(viewer.player.seek, BOOT + 40.0))
+        viewer.post(partial(viewer.player.cut, "from"))  # a part is a zoom that all charts share, and is thinned anew
         until(lambda: page.evaluate(zoom)[0][1] == pytest.approx(BOOT + 40.0), "the charts of the part")
 
 
@@ -272,7 +287,7 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer, new_page(browser) as other:
         pages = [visit(each, viewer) for each in (other, page)]
         choose(pages[0], "Camera", "Chase")
-        viewer.post(events.Seek(BOOT + 20.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 20.0))
         expect(pages[0].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Chase")
         expect(pages[1].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Free")
 
@@ -283,24 +298,24 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
         until(differ, "two pictures")
         pages[0].context.close()
         choose(pages[1], "Camera", "Follow")  # whoever stays is served on
-        viewer.post(events.Seek(BOOT + 30.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 30.0))
         until(lambda: viewer.player.time == BOOT + 30.0, "the instant")
 
 
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
-    def with_a_gap(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        replay = reckon(flight, choice)
+    def with_a_gap(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
+        replay = dead_reckon(flight, choice)
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
-        return Reckoning(replace(replay, reference_valid=known), chosen_track(flight, choice))
+        return display_trajectory(replace(replay, reference_valid=known), chosen_track(flight, choice))
 
     with Viewer([flight], with_a_gap, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
-        viewer.post(events.Seek(BOOT + 33.0))
-        viewer.post(events.SetArrows(True))
+        viewer.post(partial(viewer.player.seek, BOOT + 33.0))
+        page.get_by_role("checkbox", name="Arrows").click()
         expect(page.get_by_text("autopilot silent here")).to_be_visible()
-        viewer.post(events.Seek(BOOT + 28.0))
+        viewer.post(partial(viewer.player.seek, BOOT + 28.0))
         series = "() => Object.values(window.__viserTestpoints.uplots)[0].chart.series.length"
         until(lambda: page.evaluate(series) == 6, "the lines of what is expected")
         keep(page, "envelope")

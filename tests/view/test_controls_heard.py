@@ -17,8 +17,8 @@ from PIL import Image
 from companion.model import StatusText
 from companion.view import LiveViewer, Offer, ReplayChoice, Seen, Viewer
 from companion.view.server.client_messages import KINDS, accepted
-from tests.view.browser_messages import PlainPage, Told, pack, plain_page
-from tests.view.circles import examine, make_flight, reckon, recompute
+from tests.view.browser_messages import Message, PlainPage, pack, plain_page
+from tests.view.circles import dead_reckon, examine, make_flight, recompute
 from tests.view.test_live_controller import Script
 
 ANSWERS = {
@@ -46,45 +46,45 @@ def png(kind: str = "RGBA") -> bytes:
 
 
 @pytest.fixture(scope="module")
-def replayed() -> Iterator[list[Told]]:
-    """All that a page of two flights is told, with a picture that was asked for."""
+def replayed() -> Iterator[list[Message]]:
+    """All that a page of two flights is sent, with a picture that was asked for."""
     texts = tuple(StatusText(110.0 + i, 2, "a text of the vehicle, as long as it may be, " * 9) for i in range(3))
     flights = [replace(make_flight(), texts=texts), make_flight(sysid=2)]
     offer = Offer(correction_file="a-file-with-a-long-name.toml", report=lambda *_: "<p>")
     with Viewer(flights, recompute, examine, offer=offer, port=0) as viewer, plain_page(viewer.url) as page:
         page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
         page.press("This picture (PNG)")
-        page.listen(lambda: "GetRenderRequestMessage" in kinds(page.told))
-        asked = next(one for one in page.told if one["type"] == "GetRenderRequestMessage")
-        page.send({"type": "GetRenderResponseMessage", "payload": png(), "render_uuid": asked["render_uuid"]})
-        page.listen(lambda: "FileTransferStartDownload" in kinds(page.told))
-        yield page.told
+        page.listen(lambda: "GetRenderRequestMessage" in kinds(page.messages))
+        requested = next(one for one in page.messages if one["type"] == "GetRenderRequestMessage")
+        page.send({"type": "GetRenderResponseMessage", "payload": png(), "render_uuid": requested["render_uuid"]})
+        page.listen(lambda: "FileTransferStartDownload" in kinds(page.messages))
+        yield page.messages
 
 
 @pytest.fixture(scope="module")
-def live() -> Iterator[list[Told]]:
+def live() -> Iterator[list[Message]]:
     """All that the page of a link is told."""
     flight = make_flight()
-    seen = Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
+    seen = Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
     feed = Script(seen, vehicles=("1:1", "2:1"))
     with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
-        yield page.told
+        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
+        yield page.messages
 
 
-def kinds(told: list[Told]) -> set[str]:
-    return {one["type"] for one in told}
+def kinds(sent: list[Message]) -> set[str]:
+    return {one["type"] for one in sent}
 
 
 def has(page: PlainPage, label: str) -> bool:
-    return any(one.get("props", {}).get("label") == label for one in page.told)
+    return any(one.get("props", {}).get("label") == label for one in page.messages)
 
 
 @pytest.mark.parametrize("which", ["replayed", "live"])
 def test_whatever_a_page_makes_a_browser_say_is_heard(which: str, request: pytest.FixtureRequest) -> None:
-    told: list[Told] = request.getfixturevalue(which)
-    assert len(told) > 50
-    for one in told:
+    sent: list[Message] = request.getfixturevalue(which)
+    assert len(sent) > 50
+    for one in sent:
         for answer in ANSWERS.get(one["type"], "").split():
             if one.get("bindings", True) and one.get("enable", True):
                 assert answer in KINDS, f"{one['type']} makes a browser say {answer}"
@@ -94,19 +94,19 @@ def test_whatever_a_page_makes_a_browser_say_is_heard(which: str, request: pytes
 
 @pytest.mark.parametrize("which", ["replayed", "live"])
 def test_every_value_that_a_control_can_have_is_heard(which: str, request: pytest.FixtureRequest) -> None:
-    told: list[Told] = request.getfixturevalue(which)
-    controls = [one for one in told if one["type"].startswith("Gui") and "value" in one]
+    sent: list[Message] = request.getfixturevalue(which)
+    controls = [one for one in sent if one["type"].startswith("Gui") and "value" in one]
     assert len(controls) > 5
     for one in controls:
         values = [one["value"], *(one.get("props", {}).get("options") or ())]
         for value in values:
-            said = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": value}}
-            assert accepted(pack(said)), (one["props"].get("label"), value)
-    for one in told:
+            answer = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": value}}
+            assert accepted(pack(answer)), (one["props"].get("label"), value)
+    for one in sent:
         if one["type"] == "GuiUpdateMessage":
             for option in one["updates"].get("options", ()):
-                said = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": option}}
-                assert accepted(pack(said)), option
+                answer = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": option}}
+                assert accepted(pack(answer)), option
 
 
 def test_every_kind_that_viser_hears_is_known_here() -> None:
@@ -121,9 +121,9 @@ def test_every_kind_that_viser_hears_is_known_here() -> None:
 
 def test_a_picture_is_bounded_by_what_it_says_it_is() -> None:
     header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 3840, 2160)
-    said = {"type": "GetRenderResponseMessage", "payload": header, "render_uuid": "a"}
-    assert accepted(pack(said))
-    assert accepted(pack(said | {"payload": png()}))
+    answer = {"type": "GetRenderResponseMessage", "payload": header, "render_uuid": "a"}
+    assert accepted(pack(answer))
+    assert accepted(pack(answer | {"payload": png()}))
 
 
 ODD = [1e9, -1e9, 0, 2.5, True, None, "", "x" * 256, "nan", "nan×", "inf×", "-1×", "9999999: x", [], [1e9] * 16]
@@ -131,8 +131,8 @@ ODD = [1e9, -1e9, 0, 2.5, True, None, "", "x" * 256, "nan", "nan×", "inf×", "-
 
 def attack(page: PlainPage) -> None:
     """Every value that passes, to every control but the buttons that save: what they begin outlives the page."""
-    saving = {one["uuid"] for one in page.told if "(" in (one.get("props", {}).get("label") or "")}
-    inputs = [one for one in page.told if one["type"].startswith("Gui") and "value" in one]
+    saving = {one["uuid"] for one in page.messages if "(" in (one.get("props", {}).get("label") or "")}
+    inputs = [one for one in page.messages if one["type"].startswith("Gui") and "value" in one]
     inputs = [one for one in inputs if one["type"] != "GuiButtonMessage" or one["uuid"] not in saving]
     for value in ODD:
         for one in inputs:
@@ -148,26 +148,34 @@ def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) 
                 before = len(renders(page))
                 page.press("This picture (PNG)")
                 page.listen(functools.partial(more, page, before))
-                for asked in renders(page):
-                    said = {"type": "GetRenderResponseMessage", "payload": payload, "render_uuid": asked["render_uuid"]}
-                    page.send(said)
+                for requested in renders(page):
+                    answer = {
+                        "type": "GetRenderResponseMessage",
+                        "payload": payload,
+                        "render_uuid": requested["render_uuid"],
+                    }
+                    page.send(answer)
         assert lives(viewer)
     assert "Traceback" not in "".join(capfd.readouterr())
 
 
 def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str]) -> None:
     flight = make_flight()
-    feed = Script(Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1"))
+    feed = Script(
+        Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1")
+    )
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         with plain_page(viewer.url) as page:
-            page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
+            page.listen(
+                lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible
+            )
             attack(page)
         assert lives(viewer)
     assert "Traceback" not in "".join(capfd.readouterr())
 
 
-def renders(page: PlainPage) -> list[Told]:
-    return [one for one in page.told if one["type"] == "GetRenderRequestMessage"]
+def renders(page: PlainPage) -> list[Message]:
+    return [one for one in page.messages if one["type"] == "GetRenderRequestMessage"]
 
 
 def more(page: PlainPage, renders_before: int) -> bool:
@@ -178,7 +186,7 @@ def lives(viewer: Viewer | LiveViewer) -> bool:
     """Whether another page is drawn, with nothing that is no number in it."""
     with plain_page(viewer.url) as page:
         page.listen(lambda: has(page, "Camera"))
-        for one in page.told:
+        for one in page.messages:
             pack(one)
             for value in one.values():
                 assert value == value, one  # noqa: PLR0124  (which NaN is not)

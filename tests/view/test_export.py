@@ -1,27 +1,15 @@
-"""What leaves the page: a true PNG, and a replay that needs no server."""
+"""What leaves the page: the picture over the page's background, and a replay that needs no server."""
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
-from PIL import Image
 
 from companion.model import Flight
 from companion.present import of_imus
 from companion.view import ReplayChoice
-from companion.view.export import over, page, png
+from companion.view.export import over, page
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state.sample import footage
 from tests.view.circles import recompute
-
-
-@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 99))
-def test_a_png_is_read_back_as_it_was(height: int, width: int, seed: int) -> None:
-    pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png(pixels)))), pixels)
 
 
 def test_what_is_see_through_shows_the_page_behind() -> None:
@@ -30,7 +18,7 @@ def test_what_is_see_through_shows_the_page_behind() -> None:
 
 
 def test_the_page_is_one_file_that_asks_nobody(flight: Flight) -> None:
-    html = page(footage(recompute(flight, ReplayChoice())), drone_for("QUADROTOR"), of_imus(flight.imus))
+    html = page(recompute(flight, ReplayChoice()), drone_for("QUADROTOR"), of_imus(flight.imus))
     assert html.lstrip().lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in html
     assert len(html) < 12e6

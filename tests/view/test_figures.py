@@ -1,4 +1,4 @@
-"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, verdict_tables."""
+"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, verdict."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from companion.estimation import imu_spectrum
 from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
-from companion.view import Insight, ReplayChoice
+from companion.view import AnalysisResult, ReplayChoice
 from companion.view.charts.flight_charts import rates
 from companion.view.charts.log_charts import drift_lines, noise_lines
-from companion.view.panels import banner, verdict_tables
-from companion.view.scene.ellipsoid import Ellipsoid, semi_axes
+from companion.view.panels import verdict
+from companion.view.panels.markup import banner
+from companion.view.scene.overlays import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position
-from companion.view.state.sample import footage
 from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
 
@@ -32,8 +32,8 @@ FLIGHT = make_flight()
 
 
 @functools.cache
-def insight() -> Insight:
-    return examine(FLIGHT, ReplayChoice(), footage(recompute(FLIGHT, ReplayChoice())))
+def result() -> AnalysisResult:
+    return examine(FLIGHT, ReplayChoice(), recompute(FLIGHT, ReplayChoice()))
 
 
 @given(st.integers(0, 10_000))
@@ -98,7 +98,7 @@ def test_rates_and_gaps_are_those_of_the_messages() -> None:
 
 
 def test_the_charts_show_the_drift_table() -> None:
-    found = insight().assessment
+    found = result().assessment
     lines = drift_lines(found, "position_m")
     assert lines is not None
     rows = [(row, e) for row, e in zip(found.drift.rows, found.expected, strict=True) if row.position_m and e]
@@ -114,7 +114,7 @@ def test_a_calibration_is_shown_in_the_units_of_its_rows() -> None:
         values=values, sigma=np.abs(values) / 2.0, observable=[True] * 28, windows=9, horizon_s=5.0, correction=None
     )
     found: Any = SimpleNamespace(calibration=fit, corrected=None, uncorrected=None, made_worse=False)
-    table = re.sub("</?span[^>]*>", "", verdict_tables.calibration_table(found)).replace("&nbsp;", " ")
+    table = re.sub("</?span[^>]*>", "", verdict.calibration_table(found)).replace("&nbsp;", " ")
     rows = dict(re.findall(r"<td>([^<]+)</td>((?:<td>[^<]*</td>)+)", table))
     assert "<td>2.00 ± 1.00</td>" in rows["gyro, mrad/s"]
     assert "<td>0.40 ± 0.20</td>" in rows["accel, m/s²"]
@@ -125,12 +125,12 @@ def test_a_calibration_is_shown_in_the_units_of_its_rows() -> None:
 def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
-    found = replace(insight().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
+    found = replace(result().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
     found = replace(found, drift=replace(found.drift, imu=evil))
-    sibling = [replace(s, imu=evil) for s in (*insight().redundant_imus, *insight().redundant_imus)]
+    sibling = [replace(s, imu=evil) for s in (*result().redundant_imus, *result().redundant_imus)]
     colours = of_imus([evil])
-    markup = banner.banner("imu_suspect", evil) + verdict_tables.drift_table(found.drift, found, colours[evil], 5.0)
-    markup += verdict_tables.redundant_imus_table(sibling, colours) + verdict_tables.calibration_table(found)
+    markup = banner("imu_suspect", evil) + verdict.drift_table(found.drift, found, colours[evil], 5.0)
+    markup += verdict.redundant_imus_table(sibling, colours) + verdict.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup
 

@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 from companion.model import Flight, InputError, Origin, SettingsError
-from companion.view.ground_map import Ground, MapLayer, cache_folder, check_url, credit, ground_map
-from companion.view.scene.cameras import frame
-from companion.view.state.places import MapPicture, degrees_of, ground_of
+from companion.view.ground_map import MapLayer, cache_folder, check_url, credit, ground_map
+from companion.view.scene.cameras import Framing, frame
+from companion.view.state.places import MapPicture, local_frame
 from tests.view.circles import make_flight
 from tests.waiting import wait_for
 
@@ -29,7 +29,7 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
-        self.asked: list[tuple[str, str]] = []
+        self.requested: list[tuple[str, str]] = []
         self.answer: bytes | int | None = None  # in place of a tile: this, or this status
 
     @property
@@ -41,7 +41,7 @@ class Handler(BaseHTTPRequestHandler):
     server: Server
 
     def do_GET(self) -> None:
-        self.server.asked.append((self.path, self.headers["User-Agent"]))
+        self.server.requested.append((self.path, self.headers["User-Agent"]))
         answer = self.server.answer
         self.send_response(answer if isinstance(answer, int) else 200)
         self.end_headers()
@@ -73,21 +73,23 @@ def server() -> Iterator[Server]:
             thread.join()
 
 
+Ground = tuple[Flight, Framing]
+
+
 @pytest.fixture
 def ground(flight: Flight) -> Ground:
     assert flight.position is not None
-    positions = flight.position.position
-    return Ground(replace(flight, origin=ZERO), positions.min(axis=0), positions.max(axis=0))
+    return replace(flight, origin=ZERO), frame(flight.position.position)
 
 
 def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
     ground: Ground, server: Server, tmp_path: Path
 ) -> None:
-    found = ground_map(ground, server.url, folder=tmp_path)
-    assert 1 <= len(server.asked) <= 16
+    found = ground_map(*ground, server.url, folder=tmp_path)
+    assert 1 <= len(server.requested) <= 16
     low, high = found.centre - found.size / 2, found.centre + found.size / 2
-    assert (low < ground.low[:2]).all()
-    assert (high > ground.high[:2]).all()
+    assert (low < ground[1].low[:2]).all()
+    assert (high > ground[1].high[:2]).all()
     height, width, _ = found.pixels.shape
     assert width / height == pytest.approx(found.size[1] / found.size[0], rel=0.007), (
         "Mercator keeps shapes, on a sphere"
@@ -98,15 +100,15 @@ def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
 
 
 def test_it_says_who_asks_and_asks_once(ground: Ground, server: Server, tmp_path: Path) -> None:
-    first = ground_map(ground, server.url, folder=tmp_path)
-    assert all(agent.startswith("mavlink-companion/") for _, agent in server.asked)
-    asked = len(server.asked)
-    again = ground_map(ground, server.url, folder=tmp_path)
-    assert len(server.asked) == asked, "it is kept on the disk"
+    first = ground_map(*ground, server.url, folder=tmp_path)
+    assert all(agent.startswith("mavlink-companion/") for _, agent in server.requested)
+    requested = len(server.requested)
+    again = ground_map(*ground, server.url, folder=tmp_path)
+    assert len(server.requested) == requested, "it is kept on the disk"
     assert (first.pixels == again.pixels).all()
     for kept in tmp_path.iterdir():
         kept.write_bytes(b"spoiled")
-    assert (ground_map(ground, server.url, folder=tmp_path).pixels == first.pixels).all()
+    assert (ground_map(*ground, server.url, folder=tmp_path).pixels == first.pixels).all()
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_no_map_is_one_sentence(
 ) -> None:
     server.answer = answer
     with pytest.raises(InputError, match=f"No map: .*{reason}"):
-        ground_map(ground, server.url, folder=tmp_path)
+        ground_map(*ground, server.url, folder=tmp_path)
     assert not list(tmp_path.iterdir()), "and nothing is kept of it"
 
 
@@ -133,27 +135,30 @@ def test_offline_is_one_sentence(ground: Ground, tmp_path: Path) -> None:
         nobody.bind(("127.0.0.1", 0))  # and does not listen
         url = f"http://127.0.0.1:{nobody.getsockname()[1]}/{{z}}/{{x}}/{{y}}.png"
         with pytest.raises(InputError, match=r"cannot be reached .* online\?"):
-            ground_map(ground, url, folder=tmp_path)
+            ground_map(*ground, url, folder=tmp_path)
 
 
 def test_a_slow_server_is_not_waited_for(ground: Ground, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too slow"):
-        ground_map(ground, server.url, folder=tmp_path, timeout_s=0.0)
-    assert not server.asked
+        ground_map(*ground, server.url, folder=tmp_path, timeout_s=0.0)
+    assert not server.requested
 
 
 def test_a_flight_of_unknown_place_asks_nobody(flight: Flight, server: Server, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not tell where"):
-        ground_map(Ground(flight, np.zeros(3), np.ones(3)), server.url, folder=tmp_path)
-    assert not server.asked
+        ground_map(flight, frame(np.zeros((2, 3))), server.url, folder=tmp_path)
+    assert not server.requested
 
 
-def test_degrees_and_metres_are_inverse(ground: Ground) -> None:
-    there = degrees_of(ground.flight, ground.low, ground.high)
-    assert there is not None
-    back = ground_of(ground.flight, *there)
-    assert back is not None
-    np.testing.assert_allclose(back, [ground.low[:2], ground.high[:2]], atol=1e-6)
+def test_places_and_metres_are_inverse(ground: Ground) -> None:
+    local = local_frame(ground[0])
+    assert local is not None
+    corners = np.stack([ground[1].low[:2], ground[1].high[:2]])
+    np.testing.assert_allclose(local.ground(local.places(corners)), corners, atol=1e-6)
+    flat = np.column_stack([corners, np.zeros(2)])
+    there = local.places(corners)
+    height = np.full(2, local.origin.height)
+    np.testing.assert_allclose(local.ned(there[:, 0], there[:, 1], height) - [0, 0, local.zero[2]], flat, atol=1e-6)
 
 
 def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,16 +167,21 @@ def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, m
     flight = replace(make_flight(), origin=ZERO)
     assert flight.position is not None
     framing = frame(flight.position.position)
-    said: list[bool] = []
+    reported: list[bool] = []
     laid: list[MapPicture | None] = []
-    layer = MapLayer(server.url, said.append, pytest.fail)
-    layer.turn(laid.append)
-    assert not server.asked
+    layer = MapLayer(server.url, laid.append, reported.append, pytest.fail)
+    layer.poll()
+    assert not server.requested
     layer.show(True, flight, framing)
-    wait_for(lambda: turned(layer, laid), "the map has come")
-    assert said == [True]
+
+    def come() -> MapPicture | None:
+        layer.poll()
+        return laid[-1]
+
+    wait_for(come, "the map has come")
+    assert reported == [True]
     layer.show(False, flight, framing)
-    assert turned(layer, laid)[-1] is None
+    assert laid[-1] is None
     layer.close()
 
 
@@ -181,25 +191,19 @@ def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, mo
     flight = replace(make_flight(), origin=ZERO)
     assert flight.position is not None
     server.answer = 404
-    said: list[bool] = []
+    reported: list[bool] = []
     why: list[str] = []
-    layer = MapLayer(server.url, said.append, why.append)
+    layer = MapLayer(server.url, lambda _: None, reported.append, why.append)
     layer.show(True, flight, frame(flight.position.position))
 
     def heard() -> list[str]:
-        layer.turn(lambda _: None)
+        layer.poll()
         return why
 
     wait_for(heard, "it says why")
     assert "refuses (404" in why[0]
-    assert (said, layer.shown) == ([True, False], False)
+    assert (reported, layer.shown) == ([True, False], False)
     layer.close()
-
-
-def turned(layer: MapLayer, laid: list[MapPicture | None]) -> list[MapPicture | None]:
-    """What has been laid after one more turn; nothing while no picture has come."""
-    layer.turn(laid.append)
-    return laid if any(laid) else []
 
 
 def test_addresses_of_tiles(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,27 +13,27 @@ from companion.analysis import DriftRow
 from companion.analysis.free_run import FreeState
 from companion.model import Flight
 from companion.model.tracks import NavState
-from companion.view import Judgement, LinkState, LiveViewer, ReplayChoice, Seen
+from companion.view import LinkState, LiveVerdict, LiveViewer, ReplayChoice, Seen
 from companion.view.live_controller import LiveController
-from companion.view.panels.live_panel import LivePanel
+from companion.view.panels import live_text
 from tests.simulated import free_port
 from tests.view.browsing import until
-from tests.view.circles import reckon
+from tests.view.circles import dead_reckon
 
 
 @dataclass
 class Script:
-    """A feed that shows what it is told to."""
+    """A feed that shows what it is given."""
 
     now: Seen | None = None
     reanchor_s: float = 10.0
     choice: ReplayChoice = field(default_factory=ReplayChoice)
     why_not: str = ""
     vehicles: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
     link: LinkState = field(default_factory=lambda: LinkState("a link"))
     drift: tuple[DriftRow, ...] = ()
-    judgement: Judgement = field(default_factory=lambda: Judgement("", ""))
+    verdict: LiveVerdict = field(default_factory=lambda: LiveVerdict("", ""))
 
     def wait(self, timeout_s: float) -> None:
         """It is all there."""
@@ -52,7 +52,7 @@ class Script:
 
 
 def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight) -> None:
-    replay = reckon(flight, ReplayChoice(imu="RAW_IMU"))
+    replay = dead_reckon(flight, ReplayChoice(imu="RAW_IMU"))
     nowhere = np.zeros_like(replay.position_ref)
     attitude = replace(
         replay, has_position=False, position_ref=nowhere, position_imu=nowhere, position_error=nowhere
@@ -60,19 +60,19 @@ def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight)
     feed = Script()
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         time.sleep(0.1)
-        assert not viewer.scene.imu.visible, "nobody has been heard"
+        assert not viewer.controller.scene.imu.place.visible, "nobody has been heard"
         feed.now = Seen(flight, "RAW_IMU", attitude, None)
-        until(lambda: viewer.scene.imu.visible, "the attitude")
-        assert viewer.scene.imu.name == "IMU alone"
+        until(lambda: viewer.controller.scene.imu.place.visible, "the attitude")
+        assert viewer.controller.scene.imu.label.text == "IMU alone"
         feed.now = Seen(flight, "RAW_IMU", replay, None)
         apart = float(np.linalg.norm(replay.position_error[-1]))
         assert apart > 1.0
-        until(lambda: viewer.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
+        until(lambda: viewer.controller.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
 
 
 def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another IMU begins its free run anew: the older run of the former one is never shown below its name."""
-    replay = reckon(flight, ReplayChoice(imu="RAW_IMU"))
+    replay = dead_reckon(flight, ReplayChoice(imu="RAW_IMU"))
     now = float(replay.t[-1])
     last = NavState(now, replay.q_imu[-1], replay.velocity_imu[-1], replay.position_imu[-1])
 
@@ -80,11 +80,11 @@ def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: p
         return FreeState(now - for_s, last, np.zeros(3), np.zeros(3), np.zeros(3))
 
     ages: list[float] = []
-    monkeypatch.setattr(LivePanel, "show", lambda _panel, _sample, _free, age_s, **_: ages.append(age_s))
+    monkeypatch.setattr(live_text, "numbers", lambda _sample, free, **_: ages.append(free.age_s))
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))
-        controller = LiveController(server, feed, 60.0, lambda _event: None)
+        controller = LiveController(server, feed, 60.0, lambda _call: None)
         controller.turn(100.0, 0.05)
         feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
         controller.turn(100.05, 0.05)

@@ -142,11 +142,11 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             vehicle.reboot()
             expect(page.get_by_text("vehicle 1:1, boot 2")).to_be_visible()
             keep(page, "live-second-boot")
-            said: list[str] = []
-            page.on("console", lambda message: said.append(message.text))
-            _, told = ended(process, signal.SIGTERM)
+            reported: list[str] = []
+            page.on("console", lambda message: reported.append(message.text))
+            _, sent = ended(process, signal.SIGTERM)
             assert process.returncode == 0
-            assert "Traceback" not in told
+            assert "Traceback" not in sent
             until(lambda: vehicle.interval_us("RAW_IMU") == -1)  # as it was before
         first, second = c.open_log(recording)
         assert (first.boot, second.boot) == (1, 2)
@@ -154,7 +154,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
         # the page is still open: it finds the next server by itself, however long that takes. A browser makes a page
         # that knocked in vain every second wait for ever longer, until viser has given up each time before it may try.
         expect(page.get_by_text("companion has ended")).to_be_visible()
-        assert sum(text.startswith("Connecting to") for text in said) <= 1
+        assert sum(text.startswith("Connecting to") for text in reported) <= 1
         again = viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "--no-record", port=page_port)
         with again as (process, url), new_page(browser) as other:
             expect(page.get_by_text("Not recorded")).to_be_visible()
@@ -162,8 +162,8 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
                 expect(each.get_by_text("LIVE", exact=True)).to_be_visible()
             keep(page, "live-reconnected")
             each_has_its_own_camera(leaves=other, stays=page)
-            _, told = ended(process, signal.SIGTERM)
-            assert (process.returncode, "Traceback" in told) == (0, False)
+            _, sent = ended(process, signal.SIGTERM)
+            assert (process.returncode, "Traceback" in sent) == (0, False)
 
 
 def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from companion.pages.replay import Answers, open_replay
 from companion.present import palette
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import Viewer
-from companion.view.state import events
 from tests.recordings import BUNDLED
 from tests.view.browsing import choose, keep, near, new_page, next_port, open_page, shoot, until
 
@@ -52,7 +52,7 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         open_page(page, viewer.url)
         expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible()
         tab(page, "Findings")
-        viewer.post(events.Seek(viewer.player.end))
+        viewer.post(partial(viewer.player.seek, viewer.player.end))
         page.get_by_role("button", name=f"{first.start_s:.1f} s: {first.kind.replace('_', ' ')}").click()
         until(lambda: abs(viewer.player.time - first.start_s) < 0.05, "the finding")
         expect(page.get_by_text(f"{first.evidence} (")).to_be_visible()
@@ -97,13 +97,13 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
     names = "() => Object.values(window.__viserTestpoints.uplots)[0]?.chart.series.map(s => s.label) ?? []"
     with viewing(page, DEMO) as viewer:
         open_page(page, viewer.url)
-        viewer.post(events.Seek(viewer.player.start + 48.0))
-        viewer.post(events.SetTrail(None, ahead=True))
+        viewer.post(partial(viewer.player.seek, viewer.player.start + 48.0))
+        choose(page, "Paths", "Whole path")
         page.get_by_role("checkbox", name="SCALED_IMU2", exact=True).click()
         until(lambda: "SCALED_IMU2 tilt" in page.evaluate(names), "a line of the other IMU")
         page.get_by_role("checkbox", name="3σ ellipsoid").click()
-        until(lambda: bool(viewer.scene.expected.axes.any()), "the ellipsoid")
-        axes = np.sort(viewer.scene.expected.axes)
+        until(lambda: bool(viewer.controller.scene.expected.axes.any()), "the ellipsoid")
+        axes = np.sort(viewer.controller.scene.expected.axes)
         assert axes[2] > 1.05 * axes[0] > 0  # not a ball
         colours = (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT)
 
@@ -136,7 +136,7 @@ def test_a_log_without_position(page: Page) -> None:
         expect(page.get_by_text(re.compile("CONSISTENT|SUSPECT")).first).to_be_visible()
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "ten seconds on")
-        assert not viewer.scene.imu.position.any()
+        assert not viewer.controller.scene.imu.position.any()
         until(lambda: near(shoot(page, "attitude-only")[:, 340:940], palette.IMU) > 100, "the IMU's drone")
 
 
@@ -155,8 +155,10 @@ def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
         option = f"2: vehicle 7:1, boot 1, {flights[1].duration:.0f} s"
         choose(page, "Flight", option)
         expect(page.get_by_text(re.compile("vehicle 7:1, boot 1")).first).to_be_visible()
-        viewer.post(events.SeekShare(0.5))
-        until(lambda: bool(np.linalg.norm(viewer.scene.autopilot.position) > 0.1), "the other vehicle's place")
+        viewer.post(partial(viewer.player.seek_share, 0.5))
+        until(
+            lambda: bool(np.linalg.norm(viewer.controller.scene.autopilot.position) > 0.1), "the other vehicle's place"
+        )
         keep(page, "two-vehicles")
 
 
@@ -207,7 +209,7 @@ def test_a_phone(browser: Browser) -> None:
         page.get_by_role("button", name="Play", exact=True).click()
         until(lambda: viewer.player.playing, "the play button")
         page.get_by_role("button", name="Pause", exact=True).click()
-        viewer.post(events.SeekShare(0.3))
+        viewer.post(partial(viewer.player.seek_share, 0.3))
         until(lambda: near(shoot(page, "window-390x844")[:330], palette.IMU) > 50, "the drone is above the sheet")
         fits = {"cut": [], "outside": [], "wide": 390}
         until(lambda: page.evaluate(OVERLAPS) == fits, "nothing cut off")

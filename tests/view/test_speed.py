@@ -9,8 +9,7 @@ import numpy as np
 
 from companion.analysis import replay
 from companion.model import Flight
-from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, with_track
-from companion.view.state import events
+from companion.view import DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory, with_track
 from tests.view.circles import RATE, examine, make_flight
 from tests.waiting import wait_for
 
@@ -26,13 +25,14 @@ def test_a_new_bias_is_on_the_screen() -> None:
     flight = long_flight()
     assert len(flight.imus["RAW_IMU"].t) == SECONDS * HZ
 
-    def reckon(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def dead_reckon(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         track = chosen_track(flight, choice)
-        return Reckoning(replay(with_track(flight, track), imu=choice.imu), track)
+        return display_trajectory(replay(with_track(flight, track), imu=choice.imu), track)
 
-    with Viewer([flight], reckon, examine, port=0) as viewer:
-        viewer.post(events.Seek(viewer.player.first + 9.9))
+    with Viewer([flight], dead_reckon, examine, port=0) as viewer:
+        viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         for i in range(1, 4):
-            before = viewer.scene.imu.position
-            viewer.post(events.Change(partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))))
-            wait_for(lambda before=before: not np.array_equal(viewer.scene.imu.position, before))  # type: ignore[misc]
+            before = viewer.controller.scene.imu.position
+            bias = partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))
+            viewer.post(partial(viewer.controller.change, bias))
+            wait_for(lambda before=before: not np.array_equal(viewer.controller.scene.imu.position, before))  # type: ignore[misc]

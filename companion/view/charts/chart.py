@@ -14,12 +14,12 @@ from viser import uplot
 
 from companion.model import Array
 from companion.present import Rgb, palette
-from companion.view.charts.curves import Curves, curves
+from companion.view.state.decimation import Indices, extremes
 
 HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
 PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
-STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
+STYLE = (  # the line at the current instant is a series: its entry in the legend would be empty
     "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}"
     # A legend shows lines as they are drawn, and not boxes: see `legend_style`.
     ".uplot .u-legend .u-marker{width:18px!important;height:0!important;border-width:2px 0 0!important;"
@@ -46,7 +46,7 @@ class Line:
     values: Array  # (N,)
     width: float = 1.6  # pixels
     dash: Dash | None = None
-    said: bool = True  # whether its value stands in the title
+    in_title: bool = True  # whether its value stands in the title
     fill: float = 0.0  # opacity of the area between it and zero
 
     @property
@@ -71,7 +71,7 @@ class Chart:
     def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
         self._time = time
         self._heading = gui.add_html("", visible=False)
-        self._name, self._legend = f"companion-chart-{next(_charts)}", ""
+        self._legend = ""
         self._drawing: Drawing | None = None
         self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
         self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
@@ -102,7 +102,7 @@ class Chart:
         styles = [line.style for line in drawing.lines]
         if styles != self._styles:
             self._styles = styles
-            self._legend = legend_style(self._name, [line.dash for line in drawing.lines])
+            self._legend = legend_style([line.dash for line in drawing.lines])
             # Series and data have to change together, or the chart has lines without points.
             self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
         scales = _scales(part)
@@ -113,7 +113,7 @@ class Chart:
         self._at = math.nan  # equal to nothing: the next line is sent
 
     def show(self, now: float, *, still: bool) -> None:
-        """Say the values at `now`, s, boot clock, and move the line there.
+        """Write the values at `now`, s, boot clock, and move the line there.
 
         Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
         """
@@ -123,17 +123,12 @@ class Chart:
         if still or self._passed >= PATIENCE or not abs(now - self._at) < (self._part[1] - self._part[0]) / SHARPNESS:
             self._at, self._passed = now, 0
             self.handle.data = self._drawn.at(now)
-        said = "".join(_key(line, now) for line in self._drawing.lines if line.said)
-        self._heading.content = self._legend + heading(self._drawing.title, said)
+        values = "".join(_key(line, now) for line in self._drawing.lines if line.in_title)
+        self._heading.content = self._legend + heading(self._drawing.title, values)
 
     def relayout(self) -> None:
-        """Make every browser lay the chart out again, by a pixel of height.
-
-        A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
-        then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
-        alone mends it, and keeps the user's zoom.
-        """
-        self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
+        """See `relayout`."""
+        relayout(self.handle, HEIGHT)
 
     def _series(self) -> tuple[uplot.Series, ...]:
         return (
@@ -144,6 +139,16 @@ class Chart:
             ),
             series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
         )
+
+
+def relayout(handle: viser.GuiUplotHandle, height: int) -> None:
+    """Make every browser lay a chart out again, by a pixel of its height.
+
+    A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize, then
+    setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes alone mends
+    it, and keeps the user's zoom.
+    """
+    handle.height = height + 1 if handle.height == height else height
 
 
 def series(
@@ -167,8 +172,9 @@ def series(
     return line
 
 
-def legend_style(name: str, dashes: Sequence[Dash | None]) -> str:
-    """A mark called `name`, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+def legend_style(dashes: Sequence[Dash | None]) -> str:
+    """A mark, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+    name = f"companion-chart-{next(_charts)}"
     rules = "".join(  # uPlot can give all markers one border: the rows are told apart by their number, the first is x
         f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
         for i, dash in enumerate(dashes, start=2)
@@ -177,16 +183,16 @@ def legend_style(name: str, dashes: Sequence[Dash | None]) -> str:
     return f'<i class="{name}"></i><style>{rules}</style>'
 
 
-def heading(title: str, said: str) -> str:
-    """The row above a chart; `said` is markup."""
+def heading(title: str, values: str) -> str:
+    """The row above a chart; `values` is markup."""
     return (
         '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
-        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{said}</span></div>'
+        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{values}</span></div>'
     )
 
 
 def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
-    # The bounds said outright, so that the line's points never move them and a zoom stays where it is.
+    # The bounds are explicit, so that the line's points never move them and a zoom stays where it is.
     return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
 
 
@@ -204,3 +210,83 @@ def _key(line: Line, now: float) -> str:
         f'{escape(line.name)} <span style="display:inline-block;min-width:6ch;text-align:right">{value:.2f}</span>'
         "</span>"
     )
+
+
+MOST_POINTS = 250
+"""Points a chart: a moving cursor resends them all, several times a second, to every browser."""
+MOST_GAPS = 20
+"""Gaps a chart can show; of more, the longest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """What one chart draws: thinned and finite."""
+
+    t: Array  # (M,) s, boot clock
+    values: tuple[Array, ...]  # each (M,)
+    gap: Array  # (M,) 1 where the autopilot's state is not known, else 0
+
+    def at(self, now: float) -> tuple[Array, ...]:
+        """The chart's columns: times, values, and a last one that shades the gaps and has a line at `now`.
+
+        On a scale of 0 to 1 a gap is a block from edge to edge (2), and elsewhere the column's base lies out of sight
+        (-1). The line leaps from the base to the other and back. A gap of NaN would do as well, but then a number that
+        is not finite would be on its way to the screen.
+        """
+        k = int(np.searchsorted(self.t, now))
+        inserted = (np.insert(v, k, [np.interp(now, self.t, v)] * 3) for v in self.values)
+        inside = float(self.gap[min(k, len(self.gap) - 1)] * self.gap[max(k - 1, 0)])
+        here = np.array([inside, 1 - inside, inside])
+        shade = 3 * np.insert(self.gap, k, here) - 1
+        return (np.insert(self.t, k, [now] * 3), *inserted, shade)
+
+
+def curves(
+    lines: Sequence[tuple[Array, Array]],
+    known: tuple[Array, Array] | None = None,
+    part: tuple[float, float] | None = None,
+    most: int = MOST_POINTS,
+) -> Curves:
+    """Thin lines, each times (N,) and values (N,), to `most` points on one time axis, keeping every peak of each.
+
+    Lines with the same array of times share their points; the others are drawn straight between their own.
+    known: times and flags, False (0) where the autopilot's state is not known. part: s, only what lies between two
+    times, and one sample more on either side so that the lines reach the edges.
+    """
+    groups: dict[int, tuple[Array, list[Array]]] = {}
+    for t, values in lines:
+        cut = _cut(t, part)
+        groups.setdefault(id(t), (t[cut], []))[1].append(values[cut])
+    gaps, flags, edges = np.zeros(1), np.zeros(1), np.zeros(0)
+    if known is not None:
+        cut = _cut(known[0], part)
+        gaps = known[0][cut]
+        beside, flags = _edges(gaps, 1.0 - known[1][cut])
+        edges = gaps[beside]
+    share = (most - len(edges)) // len(groups)
+    kept = [t[extremes(tuple(values), max(share, 2 * len(values) + 2))] for t, values in groups.values() if len(t)]
+    times = np.unique(np.concatenate([*kept, edges]))
+    drawn = tuple(np.interp(times, t, v) if len(t) else np.zeros(len(times)) for t, v in lines)
+    last = np.clip(np.searchsorted(gaps, times, side="right") - 1, 0, len(gaps) - 1)
+    return Curves(times, drawn, flags[last])
+
+
+def _cut(t: Array, part: tuple[float, float] | None) -> slice:
+    if part is None:
+        return slice(0, len(t))
+    low = max(int(np.searchsorted(t, part[0], side="right")) - 1, 0)
+    return slice(low, min(int(np.searchsorted(t, part[1], side="left")) + 1, len(t)))
+
+
+def _edges(t: Array, gap: Array) -> tuple[Indices, Array]:
+    """The samples on both sides of where a gap begins or ends, and the gaps without those too many to show."""
+    flags = np.concatenate([[0.0], gap, [0.0]])
+    begins, ends = np.flatnonzero(np.diff(flags) > 0), np.flatnonzero(np.diff(flags) < 0)  # [begin, end)
+    if len(begins) > MOST_GAPS:
+        longest = np.sort(np.argsort(t[ends - 1] - t[begins])[-MOST_GAPS:])
+        begins, ends = begins[longest], ends[longest]
+        gap = np.zeros(len(t))
+        for begin, end in zip(begins, ends, strict=True):
+            gap[begin:end] = 1.0
+    beside = np.concatenate([begins - 1, begins, ends - 1, ends])
+    return np.unique(beside[(beside >= 0) & (beside < len(t))]).astype(np.intp), gap

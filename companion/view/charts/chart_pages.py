@@ -1,27 +1,28 @@
-"""The charts beside the picture, a page of them at a time."""
+"""The charts beside the picture: those of a replay, a page of them at a time, and those of a live page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import zip_longest
 
-import viser
+import numpy as np
 
 from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
-from companion.view.charts.flight_charts import error_drawings, horizon_drawings, rate_drawings, reading_drawings
-from companion.view.charts.log_charts import (
-    DRIFT_QUANTITIES,
-    NOISE_STYLES,
-    NOISE_TITLES,
-    LogCharts,
-    drift_lines,
-    drift_styles,
-    noise_lines,
+from companion.view.charts.flight_charts import (
+    error_drawings,
+    errors_over_time,
+    horizon_drawings,
+    rate_drawings,
+    reading_drawings,
 )
-from companion.view.panels.controls import listen
-from companion.view.state import events
-from companion.view.state.sample import Footage, Sample
+from companion.view.charts.log_charts import NOISE_TITLES, LogChart, LogDrawing, drift_drawings, noise_drawings
+from companion.view.panels.controls import Controls
+from companion.view.panels.markup import block
+from companion.view.state.feed import LiveVerdict
+from companion.view.state.history import Curves
+from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 
 PAGES = (
     "Errors since the anchor",
@@ -33,6 +34,7 @@ PAGES = (
 )
 ERRORS, HORIZON, READINGS, NOISE, DRIFT, RATES = PAGES
 CHARTS = 3
+_ZOOM = "Drag over a chart to zoom in, double-click to see all of it again"
 _NOTHING = {
     HORIZON: "No window of this length can be used.",
     NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
@@ -42,30 +44,25 @@ _NOTHING = {
 class ChartPages:
     """Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
-        self._page = gui.add_dropdown(
-            "Charts", PAGES, hint="Drag over a chart to zoom in, double-click to see all of it again"
-        )
-        listen(self._page, post, lambda: events.PickCharts(str(self._page.value)))
+    def __init__(self, controls: Controls) -> None:
+        gui = controls.gui
+        page = gui.add_dropdown("Charts", PAGES, hint=_ZOOM)
+        controls.on_change(page, self.pick)
         gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
-        self._drift = LogCharts(gui, tuple(DRIFT_QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)
-        self._noise = LogCharts(gui, NOISE_TITLES, "Hz or s", NOISE_STYLES)
+        self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
         self._hint = gui.add_html("", visible=False)
-        self._film: Footage | None = None
+        self._display: DisplayTrajectory | None = None
         self._flight: Flight | None = None
         self._colours: Mapping[str, Rgb] = {}
         self._part = (0.0, 1.0)
         self._shown, self._now = ERRORS, 0.0
 
-    def load(self, film: Footage, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]) -> None:
-        """Draw another reckoning, between two times (s, boot clock)."""
-        self._film, self._flight, self._colours, self._part = film, flight, colours, part
-        insight = film.insight
-        assessment = insight.assessment if insight else None
-        drifts = [None if assessment is None else drift_lines(assessment, name) for name in DRIFT_QUANTITIES.values()]
-        self._drift.draw(drifts, drift_styles(colours.get(film.source, palette.IMU)))
-        self._noise.draw(noise_lines(insight.noise if insight else None), NOISE_STYLES)
+    def load(
+        self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
+    ) -> None:
+        """Draw another trajectory, between two times (s, boot clock)."""
+        self._display, self._flight, self._colours, self._part = display, flight, colours, part
         self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:
@@ -83,8 +80,8 @@ class ChartPages:
         """Make every browser lay its charts out again; see Chart.relayout."""
         for chart in self._charts:
             chart.relayout()
-        self._drift.relayout()
-        self._noise.relayout()
+        for log_chart in self._log_charts:
+            log_chart.relayout()
 
     def show(self, sample: Sample) -> None:
         """Move the line to `sample`."""
@@ -93,26 +90,82 @@ class ChartPages:
             chart.show(sample.t, still=still)
 
     def _draw(self) -> None:
-        if self._film is None or self._flight is None:
+        if self._display is None or self._flight is None:
             return
-        drawings = self._drawings(self._film, self._flight)
-        for i, chart in enumerate(self._charts):
-            chart.draw(drawings[i] if i < len(drawings) else None, self._part)
-        self._drift.pick(shown=self._shown == DRIFT)
-        self._noise.pick(shown=self._shown == NOISE)
-        insight = self._film.insight
-        waiting = self._shown in (HORIZON, NOISE, DRIFT) and insight is None
-        silent = self._shown == NOISE and insight is not None and insight.noise is None
-        empty = silent or (self._shown == HORIZON and not drawings)
-        self._hint.visible = waiting or empty
-        said = "The analysis is still at work." if waiting else _NOTHING.get(self._shown, "")
-        self._hint.content = f'<div style="padding:0.5em 1em;font-size:0.8em">{said}</div>'
-
-    def _drawings(self, film: Footage, flight: Flight) -> list[Drawing]:
+        display, result = self._display, self._display.result
+        drawings: list[Drawing] = []
+        logs: list[LogDrawing] = []
         if self._shown == ERRORS:
-            return error_drawings(film, self._colours)
-        if self._shown == HORIZON:
-            return horizon_drawings(film, self._colours)
-        if self._shown == READINGS:
-            return reading_drawings(film, flight)
-        return rate_drawings(flight, self._colours) if self._shown == RATES else []
+            drawings = error_drawings(display, self._colours)
+        elif self._shown == HORIZON:
+            drawings = horizon_drawings(display, self._colours)
+        elif self._shown == READINGS:
+            drawings = reading_drawings(display, self._flight)
+        elif self._shown == RATES:
+            drawings = rate_drawings(self._flight, self._colours)
+        elif result is not None and self._shown == DRIFT:
+            logs = drift_drawings(result.assessment, self._colours.get(display.source, palette.IMU))
+        elif result is not None:
+            logs = noise_drawings(result.noise)
+        for chart, drawing in zip_longest(self._charts, drawings):
+            chart.draw(drawing, self._part)
+        for log_chart, log in zip_longest(self._log_charts, logs):
+            log_chart.draw(log)
+        self._hint.visible = not drawings and not logs
+        why = "Analysis in progress." if result is None else _NOTHING.get(self._shown, "")
+        self._hint.content = block(why)
+
+
+SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
+"""s. A new flight begins with short charts: a change of span builds them anew, and forgets how the user has zoomed."""
+
+
+class LiveCharts:
+    """The last minutes, against seconds before now: errors since the last anchor, or those of the free run.
+
+    So they scroll and keep their zoom. Only the view thread may call it.
+    """
+
+    def __init__(self, controls: Controls, window_s: float, picked: Callable[[], object]) -> None:
+        """picked: called when others are to be drawn."""
+        runs = {"Since anchor": lambda: self._pick(free=False), "Free run": lambda: self._pick(free=True)}
+        controls.row("Show", runs, _ZOOM)
+        controls.gui.add_html(STYLE)
+        self._window, self._picked, self._free = window_s, picked, False
+        self._charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
+
+    def show(self, curves: Curves, now: float, verdict: LiveVerdict) -> None:
+        """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
+        errors, known = curves.errors, curves.known
+        if self._free:
+            known = known & np.isfinite(curves.free.tilt_deg)
+            columns = (curves.free.tilt_deg, curves.free.heading_deg, curves.free.velocity_mps, curves.free.position_m)
+            errors = Errors(errors.t, *(np.where(np.isfinite(column), column, 0.0) for column in columns))
+        span = next((s for s in SPANS if s >= min(-float(errors.t[0]), self._window)), self._window)
+        drawings = errors_over_time(
+            {"": errors},
+            {"": palette.FREE if self._free else palette.IMU},
+            None if self._free else expected_over(curves, verdict),
+            (errors.t, known.astype(np.float64)),
+            has_position=curves.has_position,
+        )
+        for chart, drawing in zip_longest(self._charts, drawings):
+            chart.draw(drawing, (-min(span, self._window), 0.0))
+            chart.show(now, still=True)
+
+    def relayout(self) -> None:
+        """Make every browser lay its charts out again; see Chart.relayout."""
+        for chart in self._charts:
+            chart.relayout()
+
+    def _pick(self, *, free: bool) -> None:
+        self._free = free
+        self._picked()
+
+
+def expected_over(curves: Curves, verdict: LiveVerdict) -> Envelope | None:
+    """What is expected of the errors since the anchor; None where nothing is."""
+    if not verdict.expected:
+        return None
+    ages, *columns = np.array(verdict.expected).T
+    return Envelope(curves.errors.t, *(np.interp(curves.age, ages, column) for column in columns))

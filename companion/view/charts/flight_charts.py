@@ -10,43 +10,43 @@ import numpy as np
 from companion.model import Array, Flight
 from companion.present import AXES, Rgb, palette
 from companion.view.charts.chart import DASHED, DOTTED, Drawing, Line
-from companion.view.state.insight import Envelope, Errors
-from companion.view.state.sample import Footage
+from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors
 
 
-def error_drawings(film: Footage, colours: Mapping[str, Rgb]) -> list[Drawing]:
+def error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """How far each IMU is from the autopilot since its anchor, and how far it should be."""
-    sources = {film.source: film.errors} | {name: other.errors for name, other in film.others.items()}
-    known = (film.replay.t, film.replay.reference_valid.astype(np.float64))
-    return _errors(sources, colours, film.envelope, known, "", has_position=film.replay.has_position)
+    sources = {display.source: display.errors} | {name: other.errors for name, other in display.others.items()}
+    known = (display.replay.t, display.replay.reference_valid.astype(np.float64))
+    return errors_over_time(sources, colours, display.expected, known, has_position=display.replay.has_position)
 
 
-def horizon_drawings(film: Footage, colours: Mapping[str, Rgb]) -> list[Drawing]:
+def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """The error of the window that ends at each instant, and what the drift table expects of windows of that length."""
-    if film.insight is None or film.trailing is None or not len(film.trailing.t):
+    if display.result is None or display.trailing is None or not len(display.trailing.t):
         return []
-    name, horizon = film.source, film.insight.horizon_s
-    rows = zip(film.insight.assessment.drift.rows, film.insight.assessment.expected, strict=True)
+    name, horizon = display.source, display.result.horizon_s
+    rows = zip(display.result.assessment.drift.rows, display.result.assessment.expected, strict=True)
     expected = next((e for row, e in rows if row.horizon_s == horizon), None)
     envelope = None
     if expected is not None:
         figures = (expected.attitude_deg, expected.velocity_mps or 0.0, expected.position_m or 0.0)
-        ends = film.trailing.t[[0, -1]]
+        ends = display.trailing.t[[0, -1]]
         envelope = Envelope(ends, *(np.full(len(ends), sigma) for sigma in figures))
     after = f" after {horizon:g} s"
-    return _errors({name: film.trailing}, colours, envelope, None, after, has_position=film.replay.has_position)
+    sources, has_position = {name: display.trailing}, display.replay.has_position
+    return errors_over_time(sources, colours, envelope, None, after, has_position=has_position)
 
 
-def reading_drawings(film: Footage, flight: Flight) -> list[Drawing]:
+def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing]:
     """What the IMU read, and as dotted lines what it read before it was corrected."""
-    raw = flight.imus[film.source]
-    track = film.track or raw
+    raw = flight.imus[display.source]
+    track = display.track or raw
 
     def lines(now: Array, before: Array) -> tuple[Line, ...]:
         axes = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
         if track is not raw:
             axes += [
-                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, said=False)
+                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, in_title=False)
                 for axis, c, v in zip(AXES, palette.AXES, before.T, strict=True)
             ]
         return tuple(axes)
@@ -68,8 +68,10 @@ def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
         tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
     measured = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
     return [
-        Drawing("Messages a second", "Hz", tuple(Line(n, c, r.t, r.hz, 1.6, d, said=False) for n, c, d, r in measured)),
-        Drawing("Longest gap, s", "s", tuple(Line(n, c, r.t, r.gap_s, 1.6, d, said=False) for n, c, d, r in measured)),
+        Drawing(
+            title, unit, tuple(Line(n, c, r.t, getattr(r, part), 1.6, d, in_title=False) for n, c, d, r in measured)
+        )
+        for title, unit, part in (("Messages a second", "Hz", "hz"), ("Longest gap, s", "s", "gap_s"))
     ]
 
 
@@ -77,15 +79,19 @@ def _span(flight: Flight) -> tuple[float, float]:
     return flight.start, flight.start + flight.duration
 
 
-def _errors(
+def errors_over_time(
     sources: Mapping[str, Errors],
     colours: Mapping[str, Rgb],
     envelope: Envelope | None,
     known: tuple[Array, Array] | None,
-    after: str,
+    after: str = "",
     *,
     has_position: bool,
 ) -> list[Drawing]:
+    """Attitude, velocity and position: how far each source is off, and how far it should be.
+
+    known: times, and 0 where the autopilot's state is not known.
+    """
     first = next(iter(sources))
 
     def lines(columns: Mapping[str, str], sigma: str) -> tuple[Line, ...]:
@@ -95,12 +101,13 @@ def _errors(
                 if column == "heading_deg" and source != first:
                     continue
                 label = name if len(sources) == 1 else f"{source} {name}".strip()
-                said = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
-                drawn.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
+                values = getattr(errors, column)
+                room = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
+                drawn.append(Line(label, colours[source], errors.t, values, 1.7, dash, in_title=room))
         if envelope is not None:
             one = getattr(envelope, sigma)
-            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
-            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
+            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, in_title=False, fill=0.16))
+            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, in_title=False, fill=0.12))
         return tuple(drawn)
 
     attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}

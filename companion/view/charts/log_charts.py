@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -13,69 +12,60 @@ from companion.analysis import Assessment, AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array
 from companion.present import AXES, Rgb, palette
-from companion.view.charts.chart import DASHED, DOTTED, Dash, heading, legend_style, series
+from companion.view.charts.chart import DASHED, DOTTED, Dash, heading, legend_style, relayout, series
 
 HEIGHT = 190  # pixels
 LEAST = 1e-12  # of any unit: what a logarithm can show
-
-_charts = itertools.count()
 
 LineStyle = tuple[str, Rgb, float, Dash | None]
 """Name, colour, width in pixels, dash."""
 
 
-class LogCharts:
-    """A chart for each title. Only the view thread may call it."""
+class LogDrawing(NamedTuple):
+    """What one chart is to show."""
 
-    def __init__(
-        self, gui: viser.GuiApi, titles: Sequence[str], x: str, styles: Sequence[LineStyle], *, points: bool = False
-    ) -> None:
-        """x: what the first column is; styles: of the other columns; points: whether each value is marked."""
-        self._x, self._points, self._shown = x, points, False
-        self._headings, self._charts = [], []
-        for title in titles:
-            legend = legend_style(f"companion-log-chart-{next(_charts)}", [dash for *_, dash in styles])
-            self._headings.append(gui.add_html(legend + heading(title, ""), visible=False))
-            nothing = tuple(np.array([1.0, 10.0]) for _ in range(len(styles) + 2))
-            self._charts.append(
-                gui.add_uplot(
-                    nothing,
-                    self._series(styles),
-                    scales={"x": _logarithmic(), "y": _logarithmic()},
-                    axes=(uplot.Axis(size=30), uplot.Axis(size=62)),
-                    legend=uplot.Legend(show=True, live=True),
-                    cursor=uplot.Cursor(drag={"x": False, "y": False}),
-                    height=HEIGHT,
-                    padding=(8, 14, 0, 0),
-                    visible=False,
-                )
-            )
-        self._filled = [False] * len(self._charts)
+    title: str
+    x: str  # what the first column is
+    styles: tuple[LineStyle, ...]  # of the other columns
+    columns: tuple[Array, ...]  # each (N,)
+    points: bool = False  # whether each value is marked
 
-    def draw(self, columns: Sequence[tuple[Array, ...] | None], styles: Sequence[LineStyle]) -> None:
-        """Draw other columns (x and a line for each style), each (N,); None for a chart with nothing to show."""
-        for i, (chart, data) in enumerate(zip(self._charts, columns, strict=True)):
-            self._filled[i] = data is not None
-            if data is not None:
-                shown = [np.maximum(column, LEAST) for column in data]
-                chart.series, chart.data = self._series(styles), (*shown, shown[-1])
-        self.pick(shown=self._shown)
 
-    def pick(self, *, shown: bool) -> None:
-        """Show those that have something to show, or none."""
-        self._shown = shown
-        for above, chart, filled in zip(self._headings, self._charts, self._filled, strict=True):
-            above.visible = chart.visible = shown and filled
+class LogChart:
+    """Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        nothing = np.array([1.0, 10.0])
+        self._heading = gui.add_html("", visible=False)
+        self._chart = gui.add_uplot(
+            (nothing, nothing),
+            (uplot.Series(label=""), _HIDDEN),
+            scales={"x": _logarithmic(), "y": _logarithmic()},
+            axes=(uplot.Axis(size=30), uplot.Axis(size=62)),
+            legend=uplot.Legend(show=True, live=True),
+            cursor=uplot.Cursor(drag={"x": False, "y": False}),
+            height=HEIGHT,
+            padding=(8, 14, 0, 0),
+            visible=False,
+        )
+
+    def draw(self, drawing: LogDrawing | None) -> None:
+        """Draw something else; None: nothing."""
+        if drawing is not None:
+            legend = legend_style([dash for *_, dash in drawing.styles])
+            self._heading.content = legend + heading(drawing.title, "")
+            lines = (series(*style, points=drawing.points) for style in drawing.styles)
+            shown = [np.maximum(column, LEAST) for column in drawing.columns]
+            self._chart.series = (uplot.Series(label=drawing.x), *lines, _HIDDEN)
+            self._chart.data = (*shown, shown[-1])
+        self._heading.visible = self._chart.visible = drawing is not None
 
     def relayout(self) -> None:
-        """See Chart.relayout."""
-        for chart in self._charts:
-            chart.height = HEIGHT + 1 if chart.height == HEIGHT else HEIGHT
+        """See `relayout`."""
+        relayout(self._chart, HEIGHT)
 
-    def _series(self, styles: Sequence[LineStyle]) -> tuple[uplot.Series, ...]:
-        hidden = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry
-        lines = (series(*style, points=self._points) for style in styles)
-        return (uplot.Series(label=self._x), *lines, hidden)
+
+_HIDDEN = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry
 
 
 def _logarithmic() -> uplot.Scale:
@@ -102,14 +92,16 @@ def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | No
     return tuple(np.maximum(column, LEAST_DRIFT) for column in np.array(sorted(rows)).T)
 
 
-def drift_styles(colour: Rgb) -> tuple[LineStyle, ...]:
-    """The lines of `drift_lines`, in the colour of the IMU."""
-    return (
+def drift_drawings(assessment: Assessment, colour: Rgb) -> list[LogDrawing]:
+    """The drift table, in the colour of the IMU."""
+    styles: tuple[LineStyle, ...] = (
         ("median", colour, 2.2, None),
         ("95 %", colour, 1.2, None),
         ("expected 1σ", palette.CURSOR, 1.4, DASHED),
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
+    charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
+    return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
 
 
 NOISE_TITLES = (
@@ -164,3 +156,9 @@ def _allan(
     if not len(seen):
         return None
     return (curve.tau, *(factor * np.maximum(line, 0.1 * seen.min()) for line in lines), factor * sheet * fall)
+
+
+def noise_drawings(noise: ImuNoise | None) -> list[LogDrawing]:
+    """Spectra in flight and Allan deviations at rest, as far as there are any."""
+    charts = zip(NOISE_TITLES, noise_lines(noise), strict=True)
+    return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]

@@ -10,12 +10,24 @@ from itertools import pairwise
 import numpy as np
 
 from companion.model import Array, Flight, words
-from companion.present import palette
-from companion.view.state.sample import Footage
+from companion.present import Rgb, palette
+from companion.view.state.marks import Mark, MarkKind, short
+from companion.view.state.trajectory import DisplayTrajectory
 
 HEIGHT = 34  # pixels
 PROFILE_POINTS = 200  # of the altitude
+_MARK_CHARACTER = 1.5  # per cent of the strip's width that a letter takes: 6.2 of 414 pixels
 _CHARACTER = 0.85  # per cent of the band's width that a letter takes: 5.4 of 640 pixels
+
+
+COLOURS: dict[MarkKind, Rgb] = {
+    "finding": palette.DIFFERENCE,
+    "arming": palette.AXES[1],
+    "mode": palette.AXES[2],
+    "trouble": palette.AXES[0],
+    "text": palette.CURSOR,
+    "anchor": palette.mix(palette.CURSOR, (255, 255, 255), 0.4),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,21 +50,21 @@ class Bands:
     height: tuple[Array, Array] | None = None  # (N,) s, boot clock, and (N,) m above the lowest
 
 
-def bands(flight: Flight, film: Footage) -> Bands:
+def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
     """Those of a flight: modes and arming as the vehicle announced them, findings once the analysis has come."""
-    modes = _until_next([(e.t, e.text) for e in flight.events if e.kind == "mode"], film.end)
+    modes = _until_next([(e.t, e.text) for e in flight.events if e.kind == "mode"], display.end)
     switched = [(e.t, e.kind) for e in flight.events if e.kind in ("armed", "disarmed")]
-    armed = [span for span in _until_next(switched, film.end) if span.label == "armed"]
+    armed = [span for span in _until_next(switched, display.end) if span.label == "armed"]
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
-        armed.insert(0, Span(film.start, switched[0][0], "armed"))
-    findings = film.insight.assessment.verdict.findings if film.insight else ()
-    said = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
+        armed.insert(0, Span(display.start, switched[0][0], "armed"))
+    findings = display.result.assessment.verdict.findings if display.result else ()
+    spans = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
     height = None
-    if film.replay.has_position:
-        some = np.unique(np.linspace(0, len(film.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
-        down = film.replay.position_ref[some, 2]
-        height = (film.replay.t[some], down.max() - down)
-    return Bands(tuple(modes), tuple(armed), said, height)
+    if display.replay.has_position:
+        some = np.unique(np.linspace(0, len(display.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
+        down = display.replay.position_ref[some, 2]
+        height = (display.replay.t[some], down.max() - down)
+    return Bands(tuple(modes), tuple(armed), spans, height)
 
 
 def outside(spans: Iterable[Span], low: float, high: float) -> str:
@@ -91,6 +103,48 @@ def markup(shown: Bands, low: float, high: float) -> str:
     return (
         f'<div class="companion-bands" style="position:relative;height:{HEIGHT}px;overflow:hidden;'
         f'background:rgba{(*palette.BAND, palette.BAND_OPACITY)}">{"".join(rows)}</div>'
+    )
+
+
+def strip(marks: Sequence[Mark], low: float, high: float, part: tuple[float, float] | None = None) -> str:
+    """Ticks between two times as HTML, their words at the pointer (title) and, where there is room, below.
+
+    Anchors are small and without words. `part`: what is played, where that is not all.
+    """
+    if not high > low:
+        return ""
+
+    def share(t: float) -> float:
+        return 100.0 * (t - low) / (high - low)
+
+    ticks, words = [], []
+    if part is not None:
+        left, right = share(part[0]), share(part[1])
+        ticks.append(
+            f'<div style="position:absolute;left:{left:.2f}%;width:{right - left:.2f}%;height:100%;'
+            f'background:{palette.css(palette.CONTROLS)};opacity:0.35"></div>'
+        )
+    free_from = -1.0  # per cent: where the last word below ended
+    for mark in sorted(marks, key=lambda mark: mark.t):
+        if not low <= mark.t <= high:
+            continue
+        at, colour, text = share(mark.t), palette.css(COLOURS[mark.kind]), short(mark.label)
+        small = mark.kind == "anchor"
+        margin, width, height = ("6px 4px 0", 1, "4px") if small else ("0 3px", 3, "100%")
+        ticks.append(
+            f'<div title="{mark.t:.1f} s: {escape(text)}" style="position:absolute;left:calc({at:.2f}% - 4px);'
+            f'width:9px;height:100%"><div style="margin:{margin};width:{width}px;height:{height};background:{colour}">'
+            "</div></div>"
+        )
+        room = (len(text) + 2) * _MARK_CHARACTER
+        start = max(min(at, 100.0 - room), 0.0)
+        if start > free_from and not small:
+            words.append(f'<span style="position:absolute;left:{start:.2f}%;white-space:nowrap">{escape(text)}</span>')
+            free_from = start + room
+    return (
+        f'<div style="position:relative;height:10px;background:rgba(130,130,130,0.12)">{"".join(ticks)}</div>'
+        f'<div class="companion-words" style="position:relative;height:1.3em;font-size:0.72em;overflow:hidden">'
+        f"{''.join(words)}</div>"
     )
 
 

@@ -1,4 +1,4 @@
-"""What all controls have in common: a browser's change becomes an event, and our own writing does not."""
+"""What all controls have in common: a browser's change queues a call for the view thread, our own writing does not."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import viser
 
 from companion.present import palette
-from companion.view.state import events
-from companion.view.state.events import CameraMode
+from companion.view.state.choice import CameraMode
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
@@ -49,75 +49,97 @@ _STYLE = (
 )
 
 
+Call = Callable[[], object]
+Post = Callable[[Call], None]
+"""Queues a call for the view thread, which makes one after the other before it draws. Does not block."""
+Row = Mapping[str, Call]
+
+
 @dataclass(slots=True)
-class _Heard:
+class _Received:
     """What an input was set to last, as far as its listener and `write` know."""
 
     known: object
-    unheard: object = None  # what a browser had said, and `write` has overwritten before the listener was told
+    missed: object = None  # what a browser had sent, and `write` has overwritten before the listener was called
 
 
-_heard: dict[int, _Heard] = {}  # by the identity of the input: viser's cannot be hashed
+_received: dict[int, _Received] = {}  # by the identity of the input: viser's cannot be hashed
 
 
-def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
-    """Post `event` when a browser changes `handle`; what this thread writes itself is no event.
+class Controls:
+    """Where controls are added (`gui`), and where their callbacks go: all of them run in the view thread."""
 
-    `post` is called in the server's event loop and must not block. The handle has what the browser said before anybody
-    is told, and `write` may come between: then it is given back what the browser said.
-    """
-    one = _heard[id(handle)] = _Heard(handle.value)
-    weakref.finalize(handle, _heard.pop, id(handle), None)
+    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+        self.gui, self._post = gui, post
 
-    async def changed(update: Any) -> None:
-        if update.client_id is not None:
-            if one.unheard is not None and handle.value == one.known:
-                handle.value = one.unheard
-            one.known, one.unheard = handle.value, None
-            post(event())
+    def on_change(self, handle: Any, do: Callable[[Any], object]) -> None:
+        """Call `do` with the value that a browser gives an input; what this thread writes itself is no change.
 
-    handle.on_update(changed)
+        A browser may send anything. The handle has its value before its listener is called, and `write` may come
+        between: then it is given back what the browser sent.
+        """
+        one = _received[id(handle)] = _Received(handle.value)
+        weakref.finalize(handle, _received.pop, id(handle), None)
 
+        async def changed(update: Any) -> None:
+            if update.client_id is not None:
+                if one.missed is not None and handle.value == one.known:
+                    handle.value = one.missed
+                one.known, one.missed = handle.value, None
+                self._post(partial(do, handle.value))
 
-def button_row(
-    gui: viser.GuiApi, label: str, buttons: Mapping[str, events.Event], post: events.Post, hint: str
-) -> None:
-    """A row of buttons, each of which posts its event."""
-    row = gui.add_button_group(label, tuple(buttons), hint=hint)
+        handle.on_update(changed)
 
-    @row.on_click
-    async def _(_: object) -> None:
-        event = buttons.get(row.value)
-        if event is not None:
-            post(event)
+    def on_click(self, button: Any, do: Call) -> None:
+        """Call `do` when a button is pressed."""
 
+        async def pressed(_: object) -> None:
+            self._post(do)
 
-def camera_row(gui: viser.GuiApi, post: events.Post) -> None:
-    """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
-    row = gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
+        button.on_click(pressed)
 
-    @row.on_click
-    async def _(click: viser.GuiEvent[Any]) -> None:
-        mode = CAMERAS.get(row.value)
-        if mode is not None and click.client_id is not None:
-            post(events.SetCamera(click.client_id, mode))
+    def on_click_in(self, button: Any, do: Callable[[int], object]) -> None:
+        """Call `do` with the number of the browser in which a button is pressed."""
 
+        async def pressed(click: viser.GuiEvent[Any]) -> None:
+            if click.client_id is not None:
+                self._post(partial(do, click.client_id))
 
-def listen_to_clicks(scene: viser.SceneApi, post: events.Post) -> None:
-    """A click into the picture, where no control is and nothing was dragged."""
+        button.on_click(pressed)
 
-    @scene.on_click()  # type: ignore[arg-type]  # an async one runs in order: viser does not declare it
-    async def _(click: viser.SceneClickEvent) -> None:
-        post(events.PickPlace(click.client_id, click.ray_origin, click.ray_direction))
+    def row(self, label: str, buttons: Row, hint: str) -> None:
+        """A row of buttons."""
+        row = self.gui.add_button_group(label, tuple(buttons), hint=hint)
+
+        @row.on_click
+        async def _(_: object) -> None:
+            if row.value in buttons:
+                self._post(buttons[row.value])
+
+    def cameras(self, choose: Callable[[int, CameraMode], object]) -> None:
+        """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
+        row = self.gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
+
+        @row.on_click
+        async def _(click: viser.GuiEvent[Any]) -> None:
+            if click.client_id is not None and row.value in CAMERAS:
+                self._post(partial(choose, click.client_id, CAMERAS[row.value]))
+
+    def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
+        """Keys go through the command palette, which lists them under Ctrl-K."""
+
+        @self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
+        async def _(_: object) -> None:
+            self._post(do)
 
 
 def write(handle: Any, value: object) -> None:
     """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
-    one, before = _heard.get(id(handle)), handle.value
+    one, before = _received.get(id(handle)), handle.value
     handle.value = value
     if one is not None:
         if before not in (one.known, handle.value):
-            one.unheard = before
+            one.missed = before
         one.known = handle.value
 
 
@@ -128,14 +150,6 @@ def bounded(value: object, low: float, default: float, high: float) -> float:
     return min(max(float(value), low), high)
 
 
-def command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bool, event: events.Event) -> None:
-    """Keys go through the command palette, which lists them under Ctrl-K."""
-
-    @gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
-    async def _(_: object) -> None:
-        post(event)
-
-
 def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
     """The main panel on the right, another on the left; on a phone one sheet as wide as it."""
     gui.add_html(_STYLE)
@@ -143,7 +157,7 @@ def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
         panel.set_width(SIDE)
     gui.main_panel.dock_right()
     side.dock_left()
-    side.expand()  # on a phone, where panels are folded until somebody asks for them
+    side.expand()  # on a phone, where panels are folded until somebody opens them
 
 
 def key_of(options: Mapping[str, object], value: object) -> str:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
+import viser
 
 from companion.model import Array
 from companion.strapdown import quaternion
-from companion.view.state.events import CameraMode
-from companion.view.state.sample import Footage, Sample
+from companion.view.state.choice import CameraMode
+from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
@@ -67,7 +68,10 @@ class Pose:
 
     def back_along(self, direction: Array) -> Array:
         """The same of a direction."""
-        return Pose(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]), np.zeros(3)).apply(direction)
+        return quaternion.rotate(quaternion.conjugate(self.wxyz), direction)
+
+
+UNMOVED = Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +82,11 @@ class Camera:
     look_at: Array  # (3,)
     near: float
     far: float
+
+    def begin(self, initial: viser.InitialCameraConfig) -> None:
+        """Let a page begin here."""
+        initial.position, initial.look_at = self.position, self.look_at
+        initial.near, initial.far, initial.fov = self.near, self.far, float(FIELD_OF_VIEW)
 
 
 def frame(positions: Array, others: Array | None = None) -> Framing:
@@ -95,10 +104,10 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
     return Framing(low, high, radius, ground, nice(radius / 4), distance)
 
 
-def frame_of(film: Footage) -> Framing:
-    """The room of a reckoning; without a position both drones hang in the air above the origin."""
-    framing = frame(film.replay.position_ref, film.replay.position_imu)
-    return framing if film.replay.has_position else replace(framing, ground=0.5 * framing.radius)
+def frame_of(display: DisplayTrajectory) -> Framing:
+    """The room of a trajectory; without a position both drones hang in the air above the origin."""
+    framing = frame(display.replay.position_ref, display.replay.position_imu)
+    return framing if display.replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
 
 def nice(length: float) -> float:
@@ -112,8 +121,8 @@ def grid_cell(distance: float, cell: float) -> float:
 
     A tenth of the distance, and no change before it is worth one: at a border between two sizes it must not flicker.
     """
-    wanted = max(distance, 1e-3) / 10
-    return cell if cell > 0 and cell / 1.25 < wanted < 3.0 * cell else nice(wanted)
+    side = max(distance, 1e-3) / 10
+    return cell if cell > 0 and cell / 1.25 < side < 3.0 * cell else nice(side)
 
 
 def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camera:
@@ -149,8 +158,8 @@ def world(mode: CameraMode, sample: Sample) -> Pose:
     between both.
     """
     if mode in STILL:
-        return Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    turn = np.array([1.0, 0.0, 0.0, 0.0])
+        return UNMOVED
+    turn = UNMOVED.wxyz
     if mode == "Chase":
         half = -heading(sample.q_ref) / 2
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
@@ -219,3 +228,32 @@ def _direction(azimuth: float, elevation: float) -> Array:
     """
     a, e = np.radians(azimuth), np.radians(elevation)
     return np.array([-np.cos(a) * np.cos(e), -np.sin(a) * np.cos(e), -np.sin(e)])
+
+
+REACH = np.radians(0.8)
+"""How far from a path a click may be, as an angle at the camera: 16 pixels of a window 900 high."""
+_MOST = 200_000  # samples that are looked at
+
+
+def picked(display: DisplayTrajectory, origin: Array, direction: Array) -> float | None:
+    """The time, s, of the place on either path that a ray passes closest to, seen from its origin; NED, m.
+
+    None where both paths are farther away than a click can mean, and without a position.
+    """
+    if not display.replay.has_position or not np.linalg.norm(direction) > 0:
+        return None
+    some = slice(None, None, len(display.replay.t) // _MOST + 1)
+    t = display.replay.t[some]
+    nearest = [_nearest(p[some], origin, direction) for p in (display.replay.position_ref, display.replay.position_imu)]
+    angle, at = min(nearest)
+    return float(t[at]) if angle < REACH else None
+
+
+def _nearest(points: Array, origin: Array, direction: Array) -> tuple[float, int]:
+    """The least angle, rad, between the ray and what is seen from its origin, and which of `points` (N, 3) that is."""
+    offsets = points - origin
+    along = offsets @ (direction / np.linalg.norm(direction))
+    aside = np.sqrt(np.maximum(np.einsum("ij,ij->i", offsets, offsets) - along**2, 0.0))
+    angles = np.arctan2(aside, along)
+    at = int(np.argmin(angles))
+    return float(angles[at]), at

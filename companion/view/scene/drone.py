@@ -1,9 +1,7 @@
-"""One drone on screen: a place, an attitude, a size, a name and lines; and what changes from instant to instant."""
+"""One drone on screen: a place, an attitude, a size and a name; and what changes from instant to instant."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +11,11 @@ import viser
 from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.visible import show
+
+WORLD = "/world"
+"""Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
+AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
+"""The drones' places: what hangs on them moves with them, but does not turn."""
 
 
 class Move(NamedTuple):
@@ -37,12 +39,12 @@ class Body:
 
     def __init__(self, scene: viser.SceneApi, root: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
         self._scene, self._root, self._ghost = scene, root, ghost
-        self._place = scene.add_frame(root, show_axes=False)
+        self.place = scene.add_frame(root, show_axes=False)
         self._attitude = scene.add_frame(f"{root}/attitude", show_axes=False)
         self._span = 0.0
         self._meshes: list[viser.MeshHandle] = []
-        self._name = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
-        self._name_below = 0.0  # m from the drone to its name, negative above it
+        self.label = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
+        self._label_below = 0.0  # m from the drone to its name, negative above it
         self._look: tuple[Drone, Rgb] | None = None
         self.reshape(drone, colour)
 
@@ -77,39 +79,11 @@ class Body:
     @property
     def position(self) -> Array:
         """The place on screen, NED m."""
-        return np.array(self._place.position)
-
-    @property
-    def name(self) -> str:
-        """What is written beside it."""
-        return self._name.text
-
-    @name.setter
-    def name(self, text: str) -> None:
-        if text != self._name.text:
-            self._name.text = text
-
-    @property
-    def name_visible(self) -> bool:
-        """Whether its name is written: not where the other drone's stands for both."""
-        return self._name.visible
-
-    @name_visible.setter
-    def name_visible(self, visible: bool) -> None:
-        show(self._name, visible)
-
-    @property
-    def visible(self) -> bool:
-        """Whether it is on screen."""
-        return self._place.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        show(self._place, visible)
+        return np.array(self.place.position)
 
     def moves(self, wxyz: Array, position: Array) -> list[Move]:
         """What changes when it has the attitude (4,) and the place (3,)."""
-        return [Move(self._attitude, "wxyz", wxyz), Move(self._place, "position", position)]
+        return [Move(self._attitude, "wxyz", wxyz), Move(self.place, "position", position)]
 
     def resize(self, span: float, *, name_at: float) -> None:
         """Draw the drone `span` m wide, its name so many spans below (above, when negative).
@@ -121,46 +95,7 @@ class Body:
             for mesh in self._meshes:
                 mesh.scale = span * (GHOST_SCALE if self._ghost else 1.0)
         below = name_at * self._span
-        if below != self._name_below:
-            self._name_below = below
-            self._name.anchor = "bottom-center" if below < 0 else "top-center"
-            self._name.position = (0.0, 0.0, below)
-
-
-_SEEN_M, _SEEN = 0.01, 0.01  # m, and of its length: a smaller change is not sent
-
-
-class AttachedLine:
-    """Only the view thread may call it. name: a node under the drone's, whose place is where the line begins."""
-
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float) -> None:
-        nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._line = scene.add_line_segments(name, nothing, colour, thickness=thickness, thickness_units="screen")
-        self._end: Sequence[float] = (0.0, 0.0, 0.0)  # m NED from the drone
-
-    @property
-    def visible(self) -> bool:
-        """Whether it is drawn where its drone is."""
-        return self._line.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        show(self._line, visible)
-
-    @property
-    def length(self) -> float:
-        """m"""
-        return math.hypot(*self._end)
-
-    def moves(self, end: Sequence[float]) -> list[Move]:
-        """What changes when it is drawn to `end` (3,) m NED from the drone.
-
-        Plain numbers: a recording asks three lines of each of 3,000 pictures, and NumPy takes longer for so few.
-        """
-        moved = max(abs(new - old) for new, old in zip(end, self._end, strict=True))
-        if moved <= min(_SEEN_M, _SEEN * math.hypot(*end)):
-            return []
-        self._end = end
-        points = np.zeros((1, 2, 3), dtype=np.float32)
-        points[0, 1] = end
-        return [Move(self._line, "points", points)]
+        if below != self._label_below:
+            self._label_below = below
+            self.label.anchor = "bottom-center" if below < 0 else "top-center"
+            self.label.position = (0.0, 0.0, below)

@@ -9,8 +9,9 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
+from companion.view.scene.trail import add_lines
 from companion.view.state.places import MapPicture
-from companion.view.state.visible import show
+from companion.view.state.sending import update
 
 GREY = (90, 90, 90)
 _EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
@@ -26,7 +27,13 @@ class Ground:
         self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
         self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
         self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
-        self._crosses = [_Cross(scene, f"{root}/start", "Start"), _Cross(scene, f"{root}/home", "Home")]
+        self._crosses = [
+            (
+                add_lines(scene, f"{root}/{name.lower()}", GREY, 3.0),
+                scene.add_label(f"{root}/{name.lower()}_name", name, anchor="top-center", visible=False),
+            )
+            for name in ("Start", "Home")
+        ]
         self._map: list[viser.ImageHandle | viser.LabelHandle] = []
         self._scene, self._root = scene, root
         self._credited = np.zeros(3)  # where it stands whose map it is: in the first picture of the flight
@@ -54,14 +61,18 @@ class Ground:
         arm = 0.04 * framing.radius
         if start is not None and home is not None and np.linalg.norm((start - home)[:2]) < 3 * arm:
             start = None
-        for cross, place in zip(self._crosses, (start, home), strict=True):
-            cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
+        ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
+        for (lines, name), place in zip(self._crosses, (start, home), strict=True):
+            lines.visible = name.visible = place is not None
+            if place is not None:
+                below = np.array([place[0], place[1], framing.ground])
+                lines.points, name.position = (below + ends).astype(np.float32), below
 
     def give_way(self, drones: Sequence[Array], span: float) -> None:
         """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
-        for cross in self._crosses:
-            cross.give_way(drones, span)
-        show(self._north_name, _free(self._north_name.position, drones, span))
+        for lines, name in self._crosses:
+            update(name, visible=lines.visible and _free(name.position, drones, span))
+        update(self._north_name, visible=_free(self._north_name.position, drones, span))
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
@@ -98,29 +109,6 @@ class Ground:
             self._cell = cell
             self._grid.cell_size = cell
             self._grid.section_size = 5 * cell
-
-
-class _Cross:
-    def __init__(self, scene: viser.SceneApi, name: str, label: str) -> None:
-        nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._lines = scene.add_line_segments(
-            name, nothing, GREY, thickness=3.0, thickness_units="screen", visible=False
-        )
-        self._label = scene.add_label(f"{name}_name", label, anchor="top-center", visible=False)
-        self._place: Array | None = None
-
-    def put(self, place: Array | None, arm: float) -> None:
-        self._place = place
-        self._lines.visible = self._label.visible = place is not None
-        if place is not None:
-            ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
-            self._lines.points = (place + ends).astype(np.float32)
-            self._label.position = place
-
-    def give_way(self, drones: Sequence[Array], span: float) -> None:
-        if self._place is None:
-            return
-        show(self._label, _free(self._place, drones, span))
 
 
 def _free(place: Array, drones: Sequence[Array], span: float) -> bool:

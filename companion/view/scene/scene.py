@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import viser
 
 from companion.model import Array
 from companion.present import Rgb, length, palette
-from companion.view.scene.arrows import Arrows
 from companion.view.scene.cameras import Framing
-from companion.view.scene.drone import AttachedLine, Body, Move
-from companion.view.scene.ellipsoid import Ellipsoid
-from companion.view.scene.extra_paths import ExtraPaths
+from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Body, Move
 from companion.view.scene.ground import Ground
-from companion.view.scene.overview import Overview
-from companion.view.scene.trail import OUTLINE, Trail
+from companion.view.scene.overlays import Arrows, Ellipsoid
+from companion.view.scene.paths import ExtraPaths, Overview
+from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.decimation import by_shape
-from companion.view.state.sample import Footage, Sample
-from companion.view.state.visible import show
+from companion.view.state.sending import update
+from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name
-WORLD = "/world"
-"""Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
-AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
-"""The drones' places: what hangs on them moves with them, but does not turn."""
 NEARER = 0.998
 """The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
 It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
@@ -53,13 +47,11 @@ class Scene:
         self.extra_paths = ExtraPaths(scene, f"{WORLD}/extra")
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
         self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
-        self._trails = {
-            "autopilot": Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER),
-            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5),
-        }
+        self._trail = Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER)
+        # Of the IMU that is chosen, then of the others: as many as were ever shown at once, reused.
+        self._imus = [(self.imu, Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5))]
         self._scene, self._label = scene, "IMU"
-        self._others: list[tuple[Body, Trail]] = []
-        self._films: list[Footage] = []
+        self._others: Sequence[DisplayTrajectory] = ()
         # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
         self._error = AttachedLine(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
         self._error_name = scene.add_label(
@@ -71,11 +63,11 @@ class Scene:
     @property
     def apart(self) -> float | None:
         """Length of the line between both drones, m; None while none is drawn."""
-        return self._error.length if self._error.visible else None
+        return self._error.length if self._error.node.visible else None
 
     def load(
         self,
-        film: Footage,
+        display: DisplayTrajectory,
         framing: Framing,
         drone: Drone,
         colours: Mapping[str, Rgb] | None = None,
@@ -83,56 +75,48 @@ class Scene:
         *,
         whole: bool = True,
     ) -> None:
-        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known.
+        """Lay out another trajectory. colours: of each IMU message; home: NED, m, where it is known.
 
-        whole: whether `film` is all that is flown, so that it can be drawn at once.
+        whole: whether `display` is all that is flown, so that it can be drawn at once.
         """
-        replay, source = film.replay, film.source
+        replay, source = display.replay, display.source
         colours = colours or {}
         colour = colours.get(source, palette.IMU)
-        self._label = source
+        self._label, self._has_position = source, replay.has_position
         self.autopilot.reshape(drone, palette.AUTOPILOT)
-        self.imu.reshape(drone, colour)
         self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()), colour)
         self.expected.load(colour)
-        self._has_position = replay.has_position
         known = replay.has_position
         self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
-        outlines = {
-            "imu": by_shape(replay.position_imu, OUTLINE),
-            "autopilot": by_shape(replay.position_ref, OUTLINE),
-        }
-        autopilot, imu = self._trails["autopilot"], self._trails["imu"]
-        autopilot.load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
-        imu.load(replay.t, replay.position_imu, film.restarts, colour, outlines["imu"])
+        outlines = {"imu": by_shape(replay.position_imu, OUTLINE), "autopilot": by_shape(replay.position_ref, OUTLINE)}
+        self._trail.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
         if whole:
-            self.overview.load(film, colour, outlines)
+            self.overview.load(display, colour, outlines)
         for line in (self._error, *self._sticks):
-            line.visible = known
+            update(line.node, visible=known)
         self._error_name.visible = False
-        self.imu.name = f"{source} alone"
-        self._load_others(film, drone, colours)
+        self._others = tuple(display.others.values())
+        for i in range(len(self._imus), 1 + len(self._others)):
+            root = f"{WORLD}/other{i}"
+            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
+            self._imus.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
+        for body, trail in self._imus[1:]:
+            update(body.place, visible=False)
+            trail.hide()
+        named = zip((f"{source} alone", *display.others), (display, *self._others), strict=True)
+        for i, ((body, trail), (name, shown)) in enumerate(zip(self._imus, named, strict=False)):
+            shade = colours.get(shown.source if i == 0 else name, palette.IMU)
+            body.reshape(drone, shade)
+            update(body.label, text=name)
+            update(body.place, visible=True)
+            r, outline = shown.replay, outlines["imu"] if i == 0 else None
+            trail.load(r.t, r.position_imu, shown.restarts, shade, outline)
 
     def seen_from(self, eye: Array) -> None:
         """The camera is at (3,) NED, m: see `NEARER`."""
         place = (1.0 - NEARER) * eye
         if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
             self._nearer.position = place
-
-    def _load_others(self, film: Footage, drone: Drone, colours: Mapping[str, Rgb]) -> None:
-        """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""
-        for i in range(len(self._others), len(film.others)):
-            root = f"{WORLD}/other{i}"
-            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
-            self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
-        self._films = list(film.others.values())
-        for i, (body, trail) in enumerate(self._others):
-            body.visible = i < len(film.others)
-            trail.hide()
-        for (body, trail), (name, other) in zip(self._others, film.others.items(), strict=False):
-            body.reshape(drone, colours[name])
-            body.name = name
-            trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
 
     def show(self, sample: Sample) -> None:
         """Put the drones, and what hangs on them, where they are at `sample`."""
@@ -149,8 +133,8 @@ class Scene:
             moves += self._error.moves((sample.position_imu - sample.position_ref).tolist())
             for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
                 moves += stick.moves((0.0, 0.0, self.ground.level - float(place[2])))
-        for (body, _), film in zip(self._others, self._films, strict=False):
-            other = film.at(sample.t)
+        for (body, _), trajectory in zip(self._imus[1:], self._others, strict=False):
+            other = trajectory.at(sample.t)
             moves += body.moves(other.q_imu, other.position_imu)
         return moves
 
@@ -164,21 +148,22 @@ class Scene:
         self.ground.give_way([sample.position_imu, sample.position_ref], span)
         self.arrows.resize(span)
         self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
-        for i, (body, _) in enumerate(self._others, 2):
+        for i, (body, _) in enumerate(self._imus[1:], 2):
             body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
         if not self._has_position:
             return
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
-        self.autopilot.name_visible = roomy
-        show(self._error_name, roomy)
+        name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        update(self.imu.label, text=name)
+        update(self.autopilot.label, visible=roomy)
+        update(self._error_name, visible=roomy)
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (sample.position_imu - sample.position_ref) / 2
 
     def trails(self, since: float, until: float) -> None:
         """Show both paths between two times, s."""
-        for trail in (*self._trails.values(), *(trail for _, trail in self._others)):
+        for trail in (self._trail, *(trail for _, trail in self._imus)):
             trail.show(since, until)

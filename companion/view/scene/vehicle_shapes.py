@@ -164,11 +164,7 @@ def rover() -> Drone:
     """Four wheels under a flat body; the front part is a wedge and the front wheels."""
     across: Point = (0.0, 0.10, 0.0)
     wheels = {x: [disc((x, y, 0.06), 0.15, across) for y in (-0.33, 0.23)] for x in (-0.3, 0.3)}
-    body = [
-        box((-0.45, -0.22, -0.08), (0.2, 0.22, 0.07)),
-        box((-0.3, -0.14, -0.2), (0.05, 0.14, -0.08)),
-        *wheels[-0.3],
-    ]
+    body = [box((-0.45, -0.22, -0.08), (0.2, 0.22, 0.07)), box((-0.3, -0.14, -0.2), (0.05, 0.14, -0.08)), *wheels[-0.3]]
     side = np.array([(0.2, -0.08), (0.5, 0.0), (0.5, 0.07), (0.2, 0.07)])
     return Drone(joined(body), joined([fin(side, 0.44), *wheels[0.3]]), span_m=0.6)
 

@@ -1,1 +1,1 @@
-"""The web server: where it listens, who may connect, what a browser may say, the page that it serves."""
+"""The web server: where it listens, who may connect, what a browser may send, the page that it serves."""

@@ -1,4 +1,4 @@
-"""What a browser may say: the messages that the page itself sends, with numbers that are numbers.
+"""What a browser may send: the messages that the page itself sends, with numbers that are numbers.
 
 viser takes any message of any type from any client and believes what is in it: a canvas of no height divides by zero,
 NaN ends up in every picture, a request to share publishes the page on the internet, and upload parts stay in memory.
@@ -33,15 +33,15 @@ def accepted(raw: object) -> bool:
         return False
     if not isinstance(message, dict):
         return False
-    said = dict(message)
-    kind = said.pop("type", None)
+    fields = dict(message)
+    kind = fields.pop("type", None)
     if kind == "GetRenderResponseMessage":
         return _picture(raw)
-    return isinstance(kind, str) and kind in _CHECKS and _CHECKS[kind](said)
+    return isinstance(kind, str) and kind in _CHECKS and _CHECKS[kind](fields)
 
 
 class _Picture(msgspec.Struct, tag="GetRenderResponseMessage", forbid_unknown_fields=True):
-    """The canvas that was asked for; viser drops one that was not."""
+    """The canvas that was requested; viser drops one that was not."""
 
     payload: bytes
     render_uuid: str
@@ -56,57 +56,57 @@ def _picture(raw: bytes) -> bool:
     if len(raw) > MOST_PICTURE_BYTES:
         return False
     try:
-        said = _PICTURE.decode(raw)
+        message = _PICTURE.decode(raw)
     except (ValueError, TypeError, RecursionError):
         return False
-    size = said.payload[len(_PNG) : len(_PNG) + 8]
-    if not (_name(said.render_uuid) and said.payload.startswith(_PNG) and len(size) == 8):
+    size = message.payload[len(_PNG) : len(_PNG) + 8]
+    if not (_name(message.render_uuid) and message.payload.startswith(_PNG) and len(size) == 8):
         return False
     return 0 < int.from_bytes(size[:4]) * int.from_bytes(size[4:]) <= _MOST_PIXELS
 
 
-def _camera(said: Mapping[str, Any]) -> bool:
+def _camera(message: Mapping[str, Any]) -> bool:
     vectors = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
     numbers = ("fov", "near", "far", "image_height", "image_width")
     return (
-        said.keys() == {*vectors, *numbers}
-        and all(_vector(said[name], size) for name, size in vectors.items())
-        and all(_number(said[name]) and said[name] > _LEAST for name in numbers)
-        and all(isinstance(said[name], int) for name in ("image_height", "image_width"))
-        and said["fov"] < math.pi
-        and math.hypot(*said["wxyz"]) > _LEAST
-        and math.hypot(*said["up_direction"]) > _LEAST
+        message.keys() == {*vectors, *numbers}
+        and all(_vector(message[name], size) for name, size in vectors.items())
+        and all(_number(message[name]) and message[name] > _LEAST for name in numbers)
+        and all(isinstance(message[name], int) for name in ("image_height", "image_width"))
+        and message["fov"] < math.pi
+        and math.hypot(*message["wxyz"]) > _LEAST
+        and math.hypot(*message["up_direction"]) > _LEAST
     )
 
 
-def _update(said: Mapping[str, Any]) -> bool:
-    updates = said.get("updates")
+def _update(message: Mapping[str, Any]) -> bool:
+    updates = message.get("updates")
     return (
-        said.keys() == {"uuid", "updates"}
-        and _name(said["uuid"])
+        message.keys() == {"uuid", "updates"}
+        and _name(message["uuid"])
         and isinstance(updates, dict)
         and updates.keys() == {"value"}
         and _value(updates["value"])
     )
 
 
-def _click(said: Mapping[str, Any]) -> bool:
-    places = said.get("screen_pos")
+def _click(message: Mapping[str, Any]) -> bool:
+    places = message.get("screen_pos")
     return (
-        said.keys() == {"event_type", "ray_origin", "ray_direction", "screen_pos", "modifier"}
-        and said["event_type"] == "click"
-        and said["modifier"] is None
-        and _vector(said["ray_origin"], 3)
-        and _vector(said["ray_direction"], 3)
-        and math.hypot(*said["ray_direction"]) > _LEAST
+        message.keys() == {"event_type", "ray_origin", "ray_direction", "screen_pos", "modifier"}
+        and message["event_type"] == "click"
+        and message["modifier"] is None
+        and _vector(message["ray_origin"], 3)
+        and _vector(message["ray_direction"], 3)
+        and math.hypot(*message["ray_direction"]) > _LEAST
         and isinstance(places, list)
         and len(places) == 1
         and _vector(places[0], 2)
     )
 
 
-def _command(said: Mapping[str, Any]) -> bool:
-    return said.keys() == {"uuid"} and _name(said["uuid"])
+def _command(message: Mapping[str, Any]) -> bool:
+    return message.keys() == {"uuid"} and _name(message["uuid"])
 
 
 _CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
@@ -117,7 +117,7 @@ _CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
 }
 
 KINDS = frozenset({*_CHECKS, "GetRenderResponseMessage"})
-"""All that is heard: what the controls of the pages make a browser say. A new kind of control may need another."""
+"""All that is received: what the controls of the pages make a browser send. A new kind of control may need another."""
 
 
 def _value(value: object) -> bool:

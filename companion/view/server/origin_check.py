@@ -1,27 +1,33 @@
-"""Who may connect: a page that this server has sent, and programs; where a token is asked for, who has it.
+"""Who may connect: a page that this server has sent, and programs; where a token is required, who has it.
 
 Any web page can make its visitor's browser open a WebSocket to 127.0.0.1, and a name that an attacker owns can be made
 to mean 127.0.0.1 (DNS rebinding). The first shows in the `Origin` header, the second in `Host`, and a browser lets no
 page change either. A page of viser connects to whatever server its address names (`?websocket=`) and runs what that one
-sends: no page is served under an address with a query. What an address may ask for (`?t=100&imu=RAW_IMU`) is told to
-the view thread, which looks it up, and the page is served without it.
+sends: no page is served under an address with a query. What an address may request (`?t=100&imu=RAW_IMU`) is
+passed to the view thread, which looks it up, and the page is served without it.
+
+The page that is served is viser's with our title, icon and what viser cannot do by itself (page_head.js).
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
+import gzip
 import hmac
 import http
 import http.cookies
 import ipaddress
 import logging
+import re
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 import viser
 import websockets.asyncio.server
@@ -29,9 +35,15 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from companion.present import palette
 from companion.view.server.client_messages import MOST_PICTURE_BYTES, accepted
-from companion.view.server.document import ALIVE, REMEMBERED, dressed
 
+ALIVE = "/companion-alive"
+"""Requested by an open page, to know whether companion is still there."""
+REMEMBERED = "/companion-remembered"
+"""Requested by a page that has just been opened, with the instant and the IMU that it showed last."""
+_TITLE = re.compile(rb"<title>.*?</title>", re.DOTALL)
+_ICON = re.compile(rb'<link\s+rel="icon".*?/>', re.DOTALL)
 _log = logging.getLogger(__name__)
 _log_of_connections = logging.getLogger(f"{__name__}.connections")
 _log_of_connections.propagate = False  # a request that is none is no traceback in a terminal
@@ -49,7 +61,7 @@ _HEADERS = {
 _patching = threading.Lock()
 
 Visited = Callable[[str, str, bool], None]
-"""Told the instant and the IMU that are asked for, "" for none, and whether a page only remembers them."""
+"""Called with the instant and the IMU that are requested, "" for none, and whether a page only remembers them."""
 Handler = Callable[[ServerConnection], Awaitable[None]]
 Answer = Callable[[ServerConnection, Request], Response | None]
 
@@ -75,11 +87,11 @@ def is_own_page(host: str | None, origin: str | None, names: frozenset[str]) -> 
 
 @dataclass(frozen=True, slots=True)
 class OriginCheck:
-    """What is asked of whoever connects to a server at `host`. token: "" for none."""
+    """What is required of whoever connects to a server at `host`. token: "" for none."""
 
     host: str
     token: str = ""
-    visited: Visited = lambda _t, _imu, _again: None  # what the address asked for, see `Visited`
+    visited: Visited = lambda _t, _imu, _again: None  # see `Visited`
 
     @contextlib.contextmanager
     def at_the_door(self) -> Iterator[None]:
@@ -95,7 +107,7 @@ class OriginCheck:
                 guarded.append(True)
                 options |= {"max_size": MOST_PICTURE_BYTES + 1, "logger": _log_of_connections, "server_header": None}
                 return serve(
-                    self._heard(handler),
+                    self._filtered(handler),
                     *places,
                     process_request=self._answered(process_request),
                     process_response=_marked,
@@ -121,7 +133,7 @@ class OriginCheck:
             query = urlsplit(request.path).query
             given = parse_qs(query).get("token", [""])[-1]
             cookie = f"companion-{connection.local_address[1]}"
-            if not any(self._is_right(said) for said in (given, _cookie(headers, cookie), _bearer(headers))):
+            if not any(self._is_right(one) for one in (given, _cookie(headers, cookie), _bearer(headers))):
                 return connection.respond(
                     http.HTTPStatus.FORBIDDEN,
                     "Open the whole address that companion has printed, with the token in it.\n",
@@ -130,13 +142,13 @@ class OriginCheck:
                 return connection.respond(http.HTTPStatus.NO_CONTENT, "")
             if urlsplit(request.path).path == REMEMBERED:
                 if headers.get("Sec-Fetch-Site") == "same-origin":  # no other site's page moves what is shown
-                    self.visited(*_asked(query), True)
+                    self.visited(*_requested(query), True)
                 return connection.respond(http.HTTPStatus.NO_CONTENT, "")
             if not query or headers.get("Upgrade") == "websocket":
                 return _ours(answer(connection, request))
             # Only what a person opens: no picture or frame of another site's page moves what is shown.
             if headers.get("Sec-Fetch-Dest", "document") == "document":
-                self.visited(*_asked(query), False)
+                self.visited(*_requested(query), False)
             there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
             there.headers["Location"] = "./"
             if self.token:
@@ -149,26 +161,26 @@ class OriginCheck:
     def _is_right(self, token: str) -> bool:
         return not self.token or hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
-    def _heard(self, handler: Handler) -> Handler:
-        """Let viser speak with pages of its own version, of whose messages it receives those that the page sends."""
+    def _filtered(self, handler: Handler) -> Handler:
+        """Let viser serve pages of its own version, of whose messages it receives those that the page sends."""
         present: set[ServerConnection] = set()
-        speaks = f"viser-v{viser.__version__}"
+        protocol = f"viser-v{viser.__version__}"
 
-        async def heard(connection: ServerConnection) -> None:
-            if connection.subprotocol != speaks:
+        async def filtered(connection: ServerConnection) -> None:
+            if connection.subprotocol != protocol:
                 await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
                 return
             if len(present) >= MOST_BROWSERS:
                 await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
                 return
             present.add(connection)
-            _hear_only_what_is_accepted(connection)
+            _receive_only_what_is_accepted(connection)
             try:
                 await handler(connection)
             finally:
                 present.discard(connection)
 
-        return heard
+        return filtered
 
 
 def quieten(server: viser.ViserServer) -> None:
@@ -176,7 +188,7 @@ def quieten(server: viser.ViserServer) -> None:
     server.get_event_loop().set_exception_handler(_note)
 
 
-def _hear_only_what_is_accepted(connection: Any) -> None:
+def _receive_only_what_is_accepted(connection: Any) -> None:
     """Let viser receive no message but those that the page sends."""
     receive = connection.recv
 
@@ -221,14 +233,14 @@ def _cookie(headers: Headers, name: str) -> str:
     return cookie.value if cookie else ""
 
 
-def _asked(query: str) -> tuple[str, str]:
+def _requested(query: str) -> tuple[str, str]:
     """The instant and the IMU in an address; "" for none."""
-    asked = parse_qs(query)
-    return asked.get("t", [""])[-1], asked.get("imu", [""])[-1]
+    requested = parse_qs(query)
+    return requested.get("t", [""])[-1], requested.get("imu", [""])[-1]
 
 
 def _bearer(headers: Headers) -> str:
-    """What a program says in `Authorization: Bearer TOKEN`."""
+    """What a program sends in `Authorization: Bearer TOKEN`."""
     scheme, _, token = (headers.get("Authorization") or "").partition(" ")
     return token if scheme.lower() == "bearer" else ""
 
@@ -246,3 +258,31 @@ def _is_number(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+@functools.lru_cache(maxsize=4)
+def dressed(body: bytes, encoding: str) -> bytes:
+    """viser's page with our title, icon and script. encoding: "gzip" or "identity", of `body` and of what comes back.
+
+    Raises RuntimeError for a page that has not what viser 1.1's has.
+    """
+    plain = gzip.decompress(body) if encoding == "gzip" else body
+    script = (files("companion.view.server") / "page_head.js").read_bytes()
+    icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_icon())}" />'.encode()
+    for pattern, ours in ((_TITLE, b"<title>companion</title>"), (_ICON, icon)):
+        match = pattern.search(plain)
+        if match is None:
+            raise RuntimeError("viser's page has no title or icon where 1.1 has it")
+        plain = plain[: match.start()] + ours + plain[match.end() :]
+    plain = plain.replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
+    return gzip.compress(plain) if encoding == "gzip" else plain
+
+
+def _icon() -> str:
+    """Two paths that part, in the colours of IMU and autopilot."""
+    lines = (("M4 28C12 24 14 10 28 5", palette.AUTOPILOT), ("M4 28C14 26 20 22 28 20", palette.IMU))
+    drawn = "".join(
+        f'<path d="{path}" fill="none" stroke="{palette.css(colour)}" stroke-width="5" stroke-linecap="round"/>'
+        for path, colour in lines
+    )
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32">{drawn}</svg>'

@@ -37,7 +37,7 @@ class Address:
 
     @property
     def warning(self) -> str | None:
-        """What has to be said when others can reach this address too."""
+        """The warning to print when others can reach this address too."""
         if self.loopback:
             return None
         return (
@@ -51,7 +51,7 @@ class Address:
 def find_address(host: str, port: int, *, or_next: bool = True, token: bool = False) -> Address:
     """The first free port from `port` (0: any) upwards on `host`, or that one alone. Raises InputError for none.
 
-    A token is made up where others than this machine can connect, and on 127.0.0.1 when it is asked for (`token`).
+    A token is made up where others than this machine can connect, and on 127.0.0.1 when it is requested (`token`).
 
     viser has to be spared this: it tries every port on every error, for an address that does not exist too, and
     then waits for ever.
@@ -106,8 +106,8 @@ def _bindable(family: int, address: str, port: int) -> bool:
 def open_server(address: Address, visited: Visited = lambda _t, _imu, _again: None) -> viser.ViserServer:
     """Start viser's server there, without its banner, and guarded: see `OriginCheck`.
 
-    visited: told what an address that is opened asks for, `?t=...&imu=...`, or what a page remembers; called in the
-    server's event loop.
+    visited: called, in the server's event loop, with what an address that is opened requests, `?t=...&imu=...`, or what
+    a page remembers.
     """
     with _quiet(), OriginCheck(address.host, address.token, visited).at_the_door():
         # A page may be closed between two writes, and it does not miss what it is not sent.
@@ -125,7 +125,7 @@ def close_server(server: viser.ViserServer) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """viser prints through rich's global console whatever `verbose` says; our stdout belongs to results."""
+    """viser prints through rich's global console whatever `verbose` is; our stdout belongs to results."""
     console = rich.get_console()
     before, console.quiet = console.quiet, True
     try:

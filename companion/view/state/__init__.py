@@ -1,1 +1,1 @@
-"""What a page shows and what was asked of it, as plain values: no browser in it."""
+"""What a page shows and what was requested of it, as plain values: no browser in it."""

@@ -1,18 +1,39 @@
-"""What the user has chosen to be reckoned, and who answers: with the replay at once, with the analysis later."""
+"""What the user has chosen, and what is computed of it: the dead reckoning at once, the analysis later."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, gravity_for
 from companion.model import Flight, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct
-from companion.view.state.insight import Insight
-from companion.view.state.sample import Footage, Reckoning
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory
+
+CameraMode = Literal["Free", "Follow", "Chase", "From above", "Map"]
+ExtraPath = Literal["gps", "best"]
+SHOWN: dict[ExtraPath, bool] = {"gps": True, "best": False}
+"""Which of the extra paths are shown at first."""
+EXTRA_PATHS: dict[ExtraPath, tuple[str, str]] = {
+    "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered"),
+    "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate"),
+}
+"""Name and hint."""
+
+
+class TrailSpan(NamedTuple):
+    """How much of the paths is shown."""
+
+    seconds: float | None  # up to the instant shown; None: since the start
+    ahead: bool = False  # the rest of the path too
+
+    def around(self, t: float) -> tuple[float, float]:
+        """From when to when, s, at the instant `t`."""
+        return -np.inf if self.seconds is None else t - self.seconds, np.inf if self.ahead else t
+
 
 NO_BIAS = (0.0, 0.0, 0.0)
 Corrected = Literal["no", "flight", "file"]
@@ -20,7 +41,7 @@ Corrected = Literal["no", "flight", "file"]
 
 @dataclass(frozen=True, slots=True)
 class ReplayChoice:
-    """How a flight is to be reckoned."""
+    """Which IMU of a flight is dead-reckoned, and how."""
 
     imu: str | None = None  # message name; None: the flight's default
     others: tuple[str, ...] = ()  # IMUs whose trajectories are shown beside it, as they are
@@ -28,13 +49,13 @@ class ReplayChoice:
     gravity: str | float = "standard"  # "standard" (9.80665), "normal" (WGS-84 where it flew), or m/s²
     reanchor_s: float | None = 10.0  # start again from the autopilot's state every so many s; None: run free
     start_s: float | None = None  # s, boot clock, of the first anchor; None: as early as possible
-    horizon_s: float = 5.0  # length of the windows that "after so many seconds" speaks of
-    correction: Corrected = "no"  # take out what calibration finds in this flight, or what a file says
+    horizon_s: float = 5.0  # length of the windows of the drift "after so many seconds"
+    correction: Corrected = "no"  # take out what calibration finds in this flight, or what is in a file
     gyro_bias: tuple[float, float, float] = NO_BIAS  # rad/s, FRD, taken off the readings
     accel_bias: tuple[float, float, float] = NO_BIAS  # m/s², FRD, taken off the readings
 
     def integration(self, flight: Flight) -> Integration:
-        """How, for this flight. Raises DataError when it does not say where it flew and gravity has to know."""
+        """How, for this flight. Raises DataError when gravity depends on where it flew and the log does not tell."""
         return replace(self.how, gravity=gravity_for(flight, self.gravity))
 
     @property
@@ -43,13 +64,13 @@ class ReplayChoice:
         return self.correction != "no" or self.gyro_bias != NO_BIAS or self.accel_bias != NO_BIAS
 
 
-Recompute = Callable[[Flight, ReplayChoice], Reckoning]
-"""Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
-Examine = Callable[[Flight, ReplayChoice, Footage], Insight]
-"""What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+Recompute = Callable[[Flight, ReplayChoice], DisplayTrajectory]
+"""Dead-reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
+Examine = Callable[[Flight, ReplayChoice, DisplayTrajectory], AnalysisResult]
+"""The analysis of what was dead-reckoned. Raises CompanionError likewise. Runs in another worker thread."""
 
 
-Report = Callable[[Flight, ReplayChoice, Footage], str]
+Report = Callable[[Flight, ReplayChoice, DisplayTrajectory], str]
 """The report of what is shown, as one HTML file. Raises CompanionError likewise."""
 
 

@@ -23,10 +23,10 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class StreamState:
-    """One message that the vehicle is asked for."""
+    """One message that is requested of the vehicle."""
 
     name: str
-    wanted_hz: float
+    requested_hz: float
     received_hz: float
     note: str = ""  # "given up", "asking"; "" when it is agreed
 
@@ -49,7 +49,7 @@ class LinkState:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class LiveVerdict:
     """The verdict now, by the last seconds, and on the session so far. All text is untrusted."""
 
     status: str  # of `Verdict`, "starting" while the estimator aligns, "lost" after a loss of control; "": none yet
@@ -64,7 +64,7 @@ class Judgement:
 class Feed(Protocol):
     """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
 
-    reanchor_s: float  # the reckoning starts again from the autopilot so often
+    reanchor_s: float  # the dead reckoning restarts from the autopilot so often
 
     @property
     def choice(self) -> ReplayChoice:
@@ -82,7 +82,7 @@ class Feed(Protocol):
         """Those that can be looked at."""
 
     @property
-    def said(self) -> Sequence[str]:
+    def messages(self) -> Sequence[str]:
         """The last sentences for the user, the newest last."""
 
     @property
@@ -91,10 +91,10 @@ class Feed(Protocol):
 
     @property
     def drift(self) -> Sequence[DriftRow]:
-        """The drift since the vehicle was first heard."""
+        """The drift since the first message of the vehicle."""
 
     @property
-    def judgement(self) -> Judgement:
+    def verdict(self) -> LiveVerdict:
         """The verdict now and so far."""
 
     def wait(self, timeout_s: float) -> None:
@@ -107,4 +107,4 @@ class Feed(Protocol):
         """Look at another vehicle from now on."""
 
     def anchor_now(self) -> None:
-        """Start both reckonings again from the autopilot."""
+        """Restart both dead reckonings from the autopilot."""

@@ -10,44 +10,51 @@ import numpy.typing as npt
 
 from companion.analysis import FreeState, Replay
 from companion.model import Array
-from companion.view.state.insight import MOST
-from companion.view.state.sample import Footage, Reckoning, footage
+from companion.strapdown import SAME_TIME
+from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory
 
-_REPLAYED = {
-    "q_imu": 4, "velocity_imu": 3, "position_imu": 3, "q_ref": 4, "velocity_ref": 3, "position_ref": 3,
-    "attitude_error": 3, "velocity_error": 3, "position_error": 3,
-}  # fmt: skip
-_CHARTED = {"t": 1, "valid": 1, "errors": 4, "free": 4, "anchor": 1}
-_WIDTHS = _CHARTED | _REPLAYED | {"free_position": 3, "free_anchor": 1}
-_STARTS = np.cumsum([0, *_WIDTHS.values()])
-_SLICES = {name: slice(a, b) for name, a, b in zip(_WIDTHS, _STARTS[:-1], _STARTS[1:], strict=True)}
-"""The columns of a row."""
-
+_SHAPES = dict.fromkeys(COLUMNS, 3) | {"q_imu": 4, "q_ref": 4, "errors": 4, "free": 4, "free_position": 3}
+_ROW = np.dtype([(name, float, size) for name, size in _SHAPES.items()]
+    + [(name, float) for name in ("t", "valid", "anchor", "free_anchor")])  # fmt: skip
 _GAP_S = 1.0  # between two rows: the link was silent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """The errors of what was shown, for charts: tilt and heading °, velocity m/s and position m."""
+    """The errors of what was shown, for charts."""
 
-    t: Array  # (N,) s before the last row, which is 0
-    errors: Array  # (N, 4) since the last anchor
-    free: Array  # (N, 4) of the free run; NaN where there is none
+    errors: Errors  # since the last anchor, at (N,) s before the last row, which is 0
+    free: Errors  # of the free run; NaN where there is none
     age: Array  # (N,) s since the last anchor
-    known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to hold them against
+    known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to compare with
     has_position: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeRun:
+    """The IMU left alone, at one instant."""
+
+    errors: tuple[float, ...]  # tilt and heading °, velocity m/s, position m
+    age_s: float
+    position: Array  # (3,) NED, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Past:
     """A stretch of what was shown. Times are seconds before its end: 0 is the last row."""
 
-    film: Footage
+    display: DisplayTrajectory
     curves: Curves
-    free: Array  # (N, 4) the free run's errors at the film's samples, as in the curves
+    free: Array  # (N, 4) the free run's errors at the samples: tilt and heading °, velocity m/s, position m
     free_position: Array  # (N, 3) NED, m
     free_anchor: Array  # (N,) s, boot clock
     end: float  # s, boot clock, of the last row
+
+    def free_at(self, t: float) -> FreeRun | None:
+        """The free run at an instant; None where there was none."""
+        row = int(np.clip(np.searchsorted(self.display.replay.t, t + SAME_TIME) - 1, 0, len(self.free) - 1))
+        age = t + self.end - float(self.free_anchor[row])
+        return FreeRun(tuple(self.free[row]), age, self.free_position[row]) if np.isfinite(age) else None
 
 
 class History:
@@ -55,7 +62,7 @@ class History:
 
     def __init__(self, seconds: float, rate_hz: float) -> None:
         self._period = 1.0 / rate_hz
-        self._rows = np.full((max(int(seconds * rate_hz), 2), sum(_WIDTHS.values())), np.nan)
+        self._rows = np.empty(max(int(seconds * rate_hz), 2), dtype=_ROW)
         self._count = 0  # rows written ever
         self._has_position = False
 
@@ -66,105 +73,82 @@ class History:
         """Forget everything."""
         self._count = 0
 
-    @property
-    def duration(self) -> float:
-        """s"""
-        t = self._ordered(1)[:, 0]
-        return float(t[-1] - t[0]) if len(t) else 0.0
-
-    def add(self, replay: Replay, free: FreeState | None) -> bool:
-        """Keep what the replay ends with; whether that is worth a row."""
+    def add(self, replay: Replay, free: FreeState | None) -> None:
+        """Keep what the replay ends with, where that is worth a row."""
         t = float(replay.t[-1])
-        last = self._rows[(self._count - 1) % len(self._rows), 0] if self._count else -np.inf
-        if t < last + 0.9 * self._period:
-            return False
+        if self._count and t < self._rows["t"][(self._count - 1) % len(self._rows)] + 0.9 * self._period:
+            return
         row = self._rows[self._count % len(self._rows)]
-        row[:] = np.nan
-        row[0] = t
-        row[_SLICES["anchor"]] = replay.anchors[np.searchsorted(replay.anchors, t, side="right") - 1]
-        row[_SLICES["valid"]] = replay.reference_valid[-1]
-        row[_SLICES["errors"]] = _sizes(replay.attitude_error[-1], replay.velocity_error[-1], replay.position_error[-1])
-        for name in _REPLAYED:
-            row[_SLICES[name]] = getattr(replay, name)[-1]
-        if free is not None:
-            row[_SLICES["free_anchor"]] = free.anchor_s
-            row[_SLICES["free_position"]] = free.state.position
-            row[_SLICES["free"]] = free_errors(free)
+        row["t"], row["valid"] = t, replay.reference_valid[-1]
+        row["anchor"] = replay.anchors[np.searchsorted(replay.anchors, t, side="right") - 1]
+        row["errors"] = _sizes(replay.attitude_error[-1], replay.velocity_error[-1], replay.position_error[-1])
+        for name in COLUMNS:
+            row[name] = getattr(replay, name)[-1]
+        row["free"] = np.nan if free is None else free_run(free, t).errors
+        row["free_anchor"] = np.nan if free is None else free.anchor_s
+        row["free_position"] = np.nan if free is None else free.state.position
         self._count += 1
         self._has_position = replay.has_position
-        return True
 
     def curves(self) -> Curves:
         """The errors of everything that is kept; needs a row."""
-        rows = self._ordered(sum(_CHARTED.values()))
-        t = rows[:, 0] - rows[-1, 0]
-        errors = rows[:, _SLICES["errors"]]
-        known = (rows[:, _SLICES["valid"]][:, 0] > 0) & (np.abs(errors) < MOST).all(axis=1)
-        gap = np.flatnonzero(np.diff(t) > _GAP_S)
-        known[gap] = known[gap + 1] = False
-        age = rows[:, 0] - rows[:, _SLICES["anchor"]][:, 0]
-        shown = np.where(known[:, None], errors, 0.0)
-        return Curves(t, shown, rows[:, _SLICES["free"]], age, known, self._has_position)
+        times, errors = self._ordered("t"), self._ordered("errors")
+        t = times - times[-1]
+        known = self._known(t) & (np.abs(errors) < MOST).all(axis=1)
+        shown = Errors(t, *np.where(known[:, None], errors, 0.0).T)
+        age = times - self._ordered("anchor")
+        return Curves(shown, Errors(t, *self._ordered("free").T), age, known, self._has_position)
 
     def positions(self) -> tuple[Array, Array] | None:
         """The autopilot's and the IMU's (N, 3) NED, m, of everything that is kept; None where there is no position."""
-        rows = self._ordered(self._rows.shape[1])
-        both = rows[:, _SLICES["position_ref"]], rows[:, _SLICES["position_imu"]]
+        both = self._ordered("position_ref"), self._ordered("position_imu")
         good = (np.abs(np.hstack(both)) < MOST).all(axis=1)
         return (both[0][good], both[1][good]) if self._has_position and good.any() else None
 
     def past(self) -> Past:
         """Everything that is kept. Raises DataError when there is nothing finite in it."""
-        rows = self._ordered(self._rows.shape[1])
-        end = float(rows[-1, 0])
-        t = rows[:, 0] - end
-        column = {name: rows[:, part] for name, part in _SLICES.items()}
-        valid = column["valid"][:, 0] > 0
+        times = self._ordered("t")
+        end = float(times[-1])
+        display = display_trajectory(
+            Replay(
+                t=times - end,
+                **{name: self._ordered(name) for name in COLUMNS},
+                anchors=np.unique(self._ordered("anchor")) - end,
+                has_position=self._has_position,
+                reference_valid=self._known(times),
+                from_rest=False,
+            )
+        )
+        kept = np.isin(times - end, display.replay.t)
+        free, position, anchor = (self._ordered(name)[kept] for name in ("free", "free_position", "free_anchor"))
+        return Past(display, self.curves(), free, position, anchor, end)
+
+    def _known(self, t: Array) -> npt.NDArray[np.bool_]:
+        """Where the autopilot's state was known: not beside a silence of the link."""
+        known = self._ordered("valid") > 0
         gap = np.flatnonzero(np.diff(t) > _GAP_S)
-        valid[gap] = valid[gap + 1] = False
-        film = footage(
-            Reckoning(
-                Replay(
-                    t=t,
-                    **{name: column[name] for name in _REPLAYED},
-                    anchors=np.unique(column["anchor"]) - end,
-                    has_position=self._has_position,
-                    reference_valid=valid,
-                    from_rest=False,
-                )
-            )
-        )
-        kept = np.isin(t, film.replay.t)
-        errors, position, anchor = (column[name][kept] for name in ("free", "free_position", "free_anchor"))
-        return Past(film, self.curves(), errors, position, anchor[:, 0], end)
+        known[gap] = known[gap + 1] = False
+        return known
 
-    def _ordered(self, width: int) -> Array:
-        """The first columns of the rows kept, oldest first: a copy."""
-        rows = self._rows[:, :width]
-        if self._count <= len(rows):
-            return rows[: self._count].copy()
-        first = self._count % len(rows)
-        return np.concatenate([rows[first:], rows[:first]])
+    def _ordered(self, name: str) -> Array:
+        """A column of the rows kept, oldest first: a copy."""
+        column = self._rows[name]
+        if self._count <= len(column):
+            return column[: self._count].copy()
+        first = self._count % len(column)
+        return np.concatenate([column[first:], column[:first]])
 
 
-def present(replay: Replay) -> Footage:
+def present(replay: Replay) -> DisplayTrajectory:
     """The end of a replay, ready for the eye. Raises DataError when nothing of it is finite."""
-    last = slice(-2, None)
-    return footage(
-        Reckoning(
-            replace(
-                replay,
-                t=replay.t[last],
-                reference_valid=replay.reference_valid[last],
-                **{name: getattr(replay, name)[last] for name in _REPLAYED},
-            )
-        )
-    )
+    columns = {name: getattr(replay, name)[-2:] for name in ("t", "reference_valid", *COLUMNS)}
+    return display_trajectory(replace(replay, **columns))
 
 
-def free_errors(free: FreeState) -> tuple[float, float, float, float]:
-    """Tilt and heading °, velocity m/s, position m: how far a free run is from the autopilot."""
-    return _sizes(free.attitude_error, free.velocity_error, free.position_error)
+def free_run(free: FreeState, now: float) -> FreeRun:
+    """It at `now`, s, boot clock."""
+    errors = _sizes(free.attitude_error, free.velocity_error, free.position_error)
+    return FreeRun(errors, now - free.anchor_s, free.state.position)
 
 
 def _sizes(attitude: Array, velocity: Array, position: Array) -> tuple[float, float, float, float]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import assert_never
+from typing import Literal
 
-from companion.view.state import events
-from companion.view.state.marks import Mark, neighbour
-from companion.view.state.sample import Footage
+import numpy as np
 
+from companion.model import Array
+from companion.strapdown import SAME_TIME
+
+Stop = Literal["anchor", "event", "sample"]
 SLOWEST, FASTEST = 0.1, 50.0  # times real time
 
 
@@ -25,6 +26,7 @@ class Player:
         self.loop = False
         self.backwards = False
         self._speed = 1.0
+        self.stops: dict[Stop, Array] = {}  # s, sorted: where `jump` goes
         self.first = self.start = self.time = first
         self.last = self.end = last
         self.load(first, last)
@@ -32,7 +34,7 @@ class Player:
     def load(self, first: float, last: float, time: float | None = None) -> None:
         """Take another interval, at `time` as near as it allows (default: its start); speed and loop are kept.
 
-        With a `time` it is the same flight reckoned anew, and the part stays as far as it still lies within.
+        With a `time` it is the same flight recomputed, and the part stays as far as it still lies within.
         """
         if not (math.isfinite(first) and math.isfinite(last) and first <= last):
             raise ValueError(f"a play interval needs finite bounds in order, got [{first}, {last}]")
@@ -49,6 +51,12 @@ class Player:
             whole = low >= high
             self.start, self.end = (self.first, self.last) if whole else (low, high)
             self.seek(self.time)
+
+    def cut(self, edge: Literal["from", "to", "whole"]) -> None:
+        """Play only what comes from the instant shown on, or up to it, or the whole again."""
+        low = self.time if edge == "from" else self.first if edge == "whole" else self.start
+        high = self.time if edge == "to" else self.last if edge == "whole" else self.end
+        self.choose_part(low, high)
 
     @property
     def is_part(self) -> bool:
@@ -81,10 +89,28 @@ class Player:
         if math.isfinite(time):
             self.time = min(max(time, self.start), self.end)
 
+    def seek_share(self, share: float) -> None:
+        """Go to a share (0 ... 1) of the part that is played."""
+        self.seek(self.start + share * self.duration)
+
     def go(self, time: float) -> None:
-        """Pause and go to `time`, or to the nearest bound."""
-        self.playing = False
-        self.seek(time)
+        """Pause and go to `time`, or to the nearest bound. Something that is no number is ignored."""
+        if math.isfinite(time):
+            self.playing = False
+            self.seek(time)
+
+    def step(self, seconds: float) -> None:
+        """Pause and move by so many seconds."""
+        self.go(self.time + seconds)
+
+    def jump(self, to: Stop, *, forward: bool) -> None:
+        """Pause and go to the next of such instants of the part, or to the one before, where there is one."""
+        times = self.stops[to]
+        times = times[(times >= self.start) & (times <= self.end)]
+        after = int(np.searchsorted(times, self.time + SAME_TIME, side="right"))
+        i = after if forward else int(np.searchsorted(times, self.time - SAME_TIME)) - 1
+        if 0 <= i < len(times):
+            self.go(float(times[i]))
 
     def advance(self, dt: float) -> None:
         """Let `dt` seconds of the room pass. Where the part ends: pause there, or start over when looping."""
@@ -103,61 +129,3 @@ class Player:
     @property
     def _goal(self) -> float:
         return self.start if self.backwards else self.end
-
-
-def move(player: Player, event: events.Move, film: Footage, marks: Sequence[Mark]) -> None:
-    """Do what `event` asks. A jump to where nothing is leaves the clock alone."""
-    match event:
-        case events.Toggle():
-            player.toggle()
-        case events.SetSpeed(speed):
-            player.speed = speed
-        case events.SetLoop(loop):
-            player.loop = loop
-        case events.SetBackwards(backwards):
-            player.backwards = backwards
-        case events.SetPart(edge):
-            low = player.time if edge == "from" else player.first if edge == "whole" else player.start
-            high = player.time if edge == "to" else player.last if edge == "whole" else player.end
-            player.choose_part(low, high)
-        case events.Seek(t):
-            player.seek(t)  # scrubbing does not stop the play
-        case events.SeekShare(share):
-            player.seek(player.start + share * player.duration)
-        case _:
-            target = _target(player, event, film, marks)
-            if target is not None:
-                player.go(target)
-
-
-def instant(text: str) -> float | None:
-    """Seconds that an address asks for; None for what is no time."""
-    try:
-        seconds = float(text)
-    except ValueError:
-        return None
-    return seconds if math.isfinite(seconds) else None
-
-
-def _target(
-    player: Player,
-    event: events.Goto,
-    film: Footage,
-    marks: Sequence[Mark],
-) -> float | None:
-    match event:
-        case events.Step(seconds):
-            return player.time + seconds
-        case events.StepSample(samples):
-            return film.sample_from(player.time, samples)
-        case events.Jump(to, forward):
-            times = film.replay.anchors.tolist() if to == "anchor" else [mark.t for mark in marks]
-            inside = [t for t in times if player.start <= t <= player.end]
-            return neighbour(inside, player.time, forward=forward)
-        case events.JumpToMark(index):
-            return marks[index].t if 0 <= index < len(marks) else None
-        case events.JumpToFinding(index):
-            of_findings = film.insight.marks if film.insight else ()
-            return of_findings[index].t if 0 <= index < len(of_findings) else None
-        case _:
-            assert_never(event)

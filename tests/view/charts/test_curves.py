@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.charts.chart import DASHED, DOTTED, legend_style
-from companion.view.charts.curves import MOST_POINTS, curves
+from companion.view.charts.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
 
 T = 100.0 + np.arange(0.0, 60.0, 0.01)
 SINE = np.sin(T)
@@ -71,7 +70,7 @@ def test_lines_of_other_times_keep_their_peaks_too(fine: int, coarse: int) -> No
 
 def test_a_legend_shows_dashes_as_the_lines_have_them() -> None:
     """Rows of uPlot's legend count from 1, and the first is time."""
-    style = legend_style("chart", [None, DASHED, DOTTED])
+    style = legend_style([None, DASHED, DOTTED])
     assert style.count("border-style") == 2
     assert "nth-child(3) .u-marker{border-style:dashed" in style
     assert "nth-child(4) .u-marker{border-style:dotted" in style

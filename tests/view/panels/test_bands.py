@@ -10,29 +10,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Event, Flight
-from companion.view import Reckoning, ReplayChoice
+from companion.view import DisplayTrajectory, ReplayChoice, display_trajectory
 from companion.view.panels.bands import Bands, Span, bands, markup, outside
-from companion.view.state.sample import Footage, footage
-from tests.view.circles import BOOT, make_flight, reckon
+from tests.view.circles import BOOT, dead_reckon, make_flight
 
 
-def film_of(flight: Flight) -> Footage:
-    return footage(Reckoning(reckon(flight, ReplayChoice())))
+def display_of(flight: Flight) -> DisplayTrajectory:
+    return display_trajectory(dead_reckon(flight, ReplayChoice()))
 
 
 def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
-    said = (
+    reported = (
         Event(BOOT + 5.0, "mode", "GUIDED"),
         Event(BOOT + 10.0, "armed", "armed"),
         Event(BOOT + 20.0, "mode", "LAND"),
         Event(BOOT + 40.0, "disarmed", "disarmed"),
     )
-    flight = replace(make_flight(), events=said)
-    film = film_of(flight)
-    found = bands(flight, film)
+    flight = replace(make_flight(), events=reported)
+    display = display_of(flight)
+    found = bands(flight, display)
     assert [(s.start_s, s.end_s, s.label) for s in found.modes] == [
         (BOOT + 5.0, BOOT + 20.0, "GUIDED"),
-        (BOOT + 20.0, film.end, "LAND"),
+        (BOOT + 20.0, display.end, "LAND"),
     ]
     assert [(s.start_s, s.end_s) for s in found.armed] == [(BOOT + 10.0, BOOT + 40.0)]
     assert found.height is not None
@@ -41,8 +40,8 @@ def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
 
 def test_what_was_armed_before_the_log_began_is_armed_from_its_start() -> None:
     flight = replace(make_flight(), events=(Event(BOOT + 30.0, "disarmed", "disarmed"),))
-    film = film_of(flight)
-    assert [(s.start_s, s.end_s) for s in bands(flight, film).armed] == [(film.start, BOOT + 30.0)]
+    display = display_of(flight)
+    assert [(s.start_s, s.end_s) for s in bands(flight, display).armed] == [(display.start, BOOT + 30.0)]
 
 
 @given(st.lists(st.tuples(st.floats(-50, 150), st.floats(0, 80)), max_size=20))
@@ -54,7 +53,7 @@ def test_nothing_is_drawn_beside_the_band(spans: list[tuple[float, float]]) -> N
 
 
 @pytest.mark.parametrize(
-    ("spans", "said"),
+    ("spans", "words"),
     [
         ([(10, 20)], ""),
         ([(-9, -5)], "1 finding lies outside the replay: 1 before it begins."),
@@ -64,8 +63,8 @@ def test_nothing_is_drawn_beside_the_band(spans: list[tuple[float, float]]) -> N
         ),
     ],
 )
-def test_findings_that_the_replay_does_not_reach_are_told(spans: list[tuple[float, float]], said: str) -> None:
-    assert outside([Span(a, b, "", "error") for a, b in spans], 0.0, 100.0) == said
+def test_findings_that_the_replay_does_not_reach_are_told(spans: list[tuple[float, float]], words: str) -> None:
+    assert outside([Span(a, b, "", "error") for a, b in spans], 0.0, 100.0) == words
 
 
 def test_names_are_text() -> None:
@@ -77,12 +76,12 @@ def test_names_are_text() -> None:
 
 def test_the_hill_is_highest_where_the_vehicle_was() -> None:
     flight = make_flight()
-    film = film_of(flight)
-    height = bands(flight, film).height
+    display = display_of(flight)
+    height = bands(flight, display).height
     assert height is not None
-    up = -film.replay.position_ref[:, 2]
-    assert height[0][height[1].argmax()] == pytest.approx(film.replay.t[up.argmax()], abs=1.0)
+    up = -display.replay.position_ref[:, 2]
+    assert height[0][height[1].argmax()] == pytest.approx(display.replay.t[up.argmax()], abs=1.0)
     assert height[1].max() == pytest.approx(up.max() - up.min(), abs=0.05)
-    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), film.start, film.end))[1:-1]
+    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), display.start, display.end))[1:-1]
     top = min(points, key=lambda point: float(point[1]))
-    assert float(top[0]) == pytest.approx(100 * (film.replay.t[up.argmax()] - film.start) / 60.0, abs=2.0)
+    assert float(top[0]) == pytest.approx(100 * (display.replay.t[up.argmax()] - display.start) / 60.0, abs=2.0)

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from companion.view.panels.controls import listen, write
-from companion.view.state import events
+from companion.view.panels.controls import Controls, write
 
 
 class Handle:
@@ -29,42 +28,42 @@ class Handle:
 
 
 @pytest.fixture
-def heard() -> tuple[Handle, list[Any]]:
-    """An input that shows 1, and what is posted of it."""
-    handle, posted = Handle(1.0), list[Any]()
-    listen(handle, posted.append, lambda: events.SetReanchor(handle.value))
+def received() -> tuple[Handle, list[Any]]:
+    """An input that shows 1, and what it is changed to, call by call."""
+    handle, values, gui = Handle(1.0), list[Any](), SimpleNamespace()
+    Controls(gui, lambda call: call()).on_change(handle, values.append)  # type: ignore[arg-type]
     write(handle, 1.0)
-    return handle, posted
+    return handle, values
 
 
 @pytest.mark.parametrize("written", [(1.0,), (1.5, 2.0)], ids=["what was asked for before", "the time while it plays"])
 def test_what_is_written_before_a_change_is_told_does_not_take_its_place(
-    heard: tuple[Handle, list[Any]], written: tuple[float, ...]
+    received: tuple[Handle, list[Any]], written: tuple[float, ...]
 ) -> None:
-    handle, posted = heard
+    handle, values = received
     handle.value = 4.0
     for value in written:
         write(handle, value)
     handle.tell()
-    assert posted == [events.SetReanchor(4.0)]
+    assert values == [4.0]
     assert handle.value == 4.0, "and it is shown"
 
 
-def test_a_change_that_was_heard_may_be_taken_back(heard: tuple[Handle, list[Any]]) -> None:
-    handle, posted = heard
+def test_a_change_that_was_heard_may_be_taken_back(received: tuple[Handle, list[Any]]) -> None:
+    handle, values = received
     for said in (4.0, 5.0, 4.0):
         handle.value = said
         handle.tell()
         write(handle, 1.0)
         assert handle.value == 1.0
-        assert posted[-1] == events.SetReanchor(said)
+        assert values[-1] == said
 
 
-def test_what_others_have_set_is_no_change_of_a_browser(heard: tuple[Handle, list[Any]]) -> None:
+def test_what_others_have_set_is_no_change_of_a_browser(received: tuple[Handle, list[Any]]) -> None:
     """As a list sets itself to the first of its options, where it shows none of them."""
-    handle, posted = heard
+    handle, values = received
     handle.value = 7.0
     write(handle, 2.0)
     handle.value = 3.0
     handle.tell()
-    assert posted == [events.SetReanchor(3.0)]
+    assert values == [3.0]

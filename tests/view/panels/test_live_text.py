@@ -6,9 +6,8 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from companion.present import palette
-from companion.view import Judgement, LinkState, ReplayChoice, StreamState
-from companion.view.panels import banner, live_text
-from companion.view.state.sample import footage
+from companion.view import LinkState, LiveVerdict, ReplayChoice, StreamState
+from companion.view.panels import live_text, markup
 from tests.view.circles import make_flight, recompute
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
@@ -38,34 +37,34 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
         link=EVIL, problem=EVIL, streams=(StreamState(EVIL, 100.0, 99.0, EVIL),), frames=10, lost={EVIL: 0.1},
         rejected=3, latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
     )  # fmt: skip
-    for markup in (
+    for shown in (
         live_text.link(state, EVIL, None),
-        live_text.verdict(Judgement(EVIL, EVIL), LinkState("a"), EVIL),
-        live_text.verdict(Judgement("", EVIL), state, EVIL),
+        live_text.verdict(LiveVerdict(EVIL, EVIL), LinkState("a"), EVIL),
+        live_text.verdict(LiveVerdict("", EVIL), state, EVIL),
         live_text.legend(EVIL, has_position=True),
         live_text.health(state),
-        live_text.drift((), Judgement(EVIL, EVIL)),
-        live_text.sentences([EVIL]),
+        live_text.drift((), LiveVerdict(EVIL, EVIL)),
+        live_text.messages([EVIL]),
     ):
-        tags = read(markup)
+        tags = read(shown)
         assert tags.found <= {"div", "span", "b", "table", "tr", "th", "td", "style"}
         assert "<img src=x" in tags.text
 
 
 def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
-    def text(judgement: Judgement, problem: str = "", why_not: str = "") -> str:
-        return read(live_text.verdict(judgement, LinkState("udpin:1", problem), why_not)).text
+    def text(now: LiveVerdict, problem: str = "", why_not: str = "") -> str:
+        return read(live_text.verdict(now, LinkState("udpin:1", problem), why_not)).text
 
-    suspect = Judgement("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
+    suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
     assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
     assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
-    assert banner.COLOURS["imu_suspect"] != banner.colour_of("imu_suspect", stale=True), "and is dimmed"
+    assert markup.COLOURS["imu_suspect"] != markup.colour_of("imu_suspect", stale=True), "and is dimmed"
     shown = live_text.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
-    assert palette.css(banner.COLOURS["imu_suspect"]) not in shown
+    assert palette.css(markup.COLOURS["imu_suspect"]) not in shown
     assert text(suspect, problem="silent for 7 s").endswith("NO VERDICT – silent for 7 s")
-    assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
-    assert "No verdict yet" in text(Judgement("", ""))
-    assert "STARTING" in text(Judgement("starting", "The estimator aligns."))
+    assert text(LiveVerdict("", ""), why_not="no IMU messages").endswith("no IMU messages")
+    assert "No verdict yet" in text(LiveVerdict("", ""))
+    assert "STARTING" in text(LiveVerdict("starting", "The estimator aligns."))
 
 
 def test_the_link_says_how_it_stands() -> None:
@@ -83,17 +82,13 @@ def test_the_link_says_how_it_stands() -> None:
 
 
 def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
-    film = footage(recompute(make_flight(), ReplayChoice()))
-    heard, silent = (
-        live_text.numbers(film.last, None, 0.0, has_position=True, silent=silent) for silent in (False, True)
-    )
-    assert "when last heard" not in heard
-    assert "Error when last heard" in silent
-    assert ("canvas" in silent, "canvas" in heard) == (True, False)  # the picture and the charts are dimmed too
-    tilt = f"{film.last.tilt_deg:.2f}°</td>"
-    assert f';opacity:{palette.QUIET}">{tilt}' in silent
-    assert tilt in heard
-    assert f';opacity:{palette.QUIET}">{tilt}' not in heard
+    display = recompute(make_flight(), ReplayChoice())
+    now, silent = (live_text.numbers(display.last, None, has_position=True, silent=silent) for silent in (False, True))
+    assert "when last received" not in now
+    assert "Error when last received" in silent
+    assert ("canvas" in silent, "canvas" in now) == (True, False)  # the picture and the charts are dimmed too
+    tilt = f'opacity:{palette.QUIET}"><td>tilt</td><td>{display.last.tilt_deg:.2f}°'
+    assert (tilt in silent, tilt in now) == (True, False)
 
 
 def test_losses_latency_and_what_is_dropped() -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from companion.view import ReplayChoice
+from companion.view.panels.controls import Controls
 from companion.view.panels.replay_panel import Panel
-from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 
 
@@ -41,10 +41,10 @@ class Gui:
 def test_the_expected_error_is_a_length() -> None:
     """Root mean square of a vector whose axes have 1, 2 and 2 m."""
     flight, gui = make_flight(), Gui()
-    film = footage(recompute(flight, ReplayChoice()))
-    sample = replace(film.at(film.start + 5.0), covariance=np.diag([1.0, 4.0, 4.0]), position_m=2.5)
+    display = recompute(flight, ReplayChoice())
+    sample = replace(display.at(display.start + 5.0), covariance=np.diag([1.0, 4.0, 4.0]), position_m=2.5)
     shown: Any = gui
-    Panel(shown, [flight], lambda _: None).show(sample, film, 10.0)
+    Panel(Controls(shown, lambda _: None), [flight], lambda _: None).show(sample, display, 10.0)
     (numbers,) = (piece.content for piece in gui.markup if "Position error" in piece.content)
     assert "expected 1σ 3.00 m" in numbers
     assert "2.50 m" in numbers

@@ -12,14 +12,14 @@ import pytest
 from companion.strapdown import quaternion
 from companion.view import ReplayChoice
 from companion.view.scene.cameras import frame_of
+from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.ground import Ground
-from companion.view.scene.scene import AUTOPILOT, IMU, Scene
+from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.places import MapPicture
-from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))
+DISPLAY = recompute(make_flight(), ReplayChoice())
 
 
 class Drawn:
@@ -41,7 +41,7 @@ class Drawn:
 
 def test_the_arrow_to_the_north_points_north_and_lies_on_the_ground() -> None:
     drawn: Any = Drawn()
-    framing = frame_of(FILM)
+    framing = frame_of(DISPLAY)
     Ground(drawn, "").load(framing, None, None)
     foot, tip = drawn.nodes["/north"].points[0]
     assert tip[0] - foot[0] > 1.0
@@ -70,8 +70,8 @@ def test_the_corners_of_the_map_lie_where_the_map_says() -> None:
 def test_a_stick_reaches_from_each_drone_straight_to_the_ground(share: float) -> None:
     drawn: Any = Drawn()
     scene = Scene(drawn, drone_for("QUADROTOR"))
-    scene.load(FILM, frame_of(FILM), drone_for("QUADROTOR"))
-    sample = FILM.at(FILM.start + share * (FILM.end - FILM.start))
+    scene.load(DISPLAY, frame_of(DISPLAY), drone_for("QUADROTOR"))
+    sample = DISPLAY.at(DISPLAY.start + share * (DISPLAY.end - DISPLAY.start))
     scene.show(sample)
     for drone, place in ((AUTOPILOT, sample.position_ref), (IMU, sample.position_imu)):
         foot = drawn.nodes[drone].position + drawn.nodes[f"{drone}/stick"].points[0, 1]

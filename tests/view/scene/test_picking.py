@@ -8,23 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.view import ReplayChoice
-from companion.view.scene.cameras import Pose
-from companion.view.scene.picking import picked
-from companion.view.state.sample import footage
+from companion.view.scene.cameras import Pose, picked
 from tests.view.circles import make_flight, recompute
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))
+DISPLAY = recompute(make_flight(), ReplayChoice())
 
 
-@given(st.integers(0, len(FILM.replay.t) - 1), st.booleans())
+@given(st.integers(0, len(DISPLAY.replay.t) - 1), st.booleans())
 def test_a_ray_through_a_path_is_where_the_vehicle_was(at: int, imu: bool) -> None:
     eye = np.array([-150.0, 60.0, -120.0])
-    path = FILM.replay.position_imu if imu else FILM.replay.position_ref
-    found = picked(FILM, eye, 3.0 * (path[at] - eye))
+    path = DISPLAY.replay.position_imu if imu else DISPLAY.replay.position_ref
+    found = picked(DISPLAY, eye, 3.0 * (path[at] - eye))
     assert found is not None
-    there = np.concatenate([FILM.replay.position_ref, FILM.replay.position_imu])
-    i = int(np.searchsorted(FILM.replay.t, found))
-    hit = there[[i, i + len(FILM.replay.t)]] - eye
+    there = np.concatenate([DISPLAY.replay.position_ref, DISPLAY.replay.position_imu])
+    i = int(np.searchsorted(DISPLAY.replay.t, found))
+    hit = there[[i, i + len(DISPLAY.replay.t)]] - eye
     ray = (path[at] - eye) / np.linalg.norm(path[at] - eye)
     aside = np.linalg.norm(np.cross(hit, ray), axis=1) / np.linalg.norm(hit, axis=1)
     assert aside.min() < 1e-6
@@ -32,10 +30,10 @@ def test_a_ray_through_a_path_is_where_the_vehicle_was(at: int, imu: bool) -> No
 
 def test_beside_the_paths_and_behind_the_camera_there_is_nothing() -> None:
     eye = np.array([-150.0, 60.0, -120.0])
-    there = FILM.replay.position_ref[0]
-    assert picked(FILM, eye, eye - there) is None
-    assert picked(FILM, eye, np.array([0.0, 0.0, -1.0])) is None
-    assert picked(FILM, eye, np.zeros(3)) is None
+    there = DISPLAY.replay.position_ref[0]
+    assert picked(DISPLAY, eye, eye - there) is None
+    assert picked(DISPLAY, eye, np.array([0.0, 0.0, -1.0])) is None
+    assert picked(DISPLAY, eye, np.zeros(3)) is None
 
 
 @pytest.mark.parametrize("seed", range(3))

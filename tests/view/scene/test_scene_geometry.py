@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from companion.model import Array
 from companion.view import ReplayChoice
-from companion.view.scene.arrows import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.scene.cameras import (
     ASPECT,
     CAMERA_MODES,
@@ -26,10 +25,11 @@ from companion.view.scene.cameras import (
     step_back,
     world,
 )
-from companion.view.state.sample import Sample, footage
+from companion.view.scene.overlays import LONGEST, SHORTEST, Arrows, arrow_length
+from companion.view.state.trajectory import Sample
 from tests.view.circles import make_flight, quaternion, recompute
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))
+DISPLAY = recompute(make_flight(), ReplayChoice())
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-1.0, 1.0), st.floats(-1.2, 1.2))
@@ -74,7 +74,7 @@ def arrows_at(sample: Sample) -> dict[str, Array]:
 
 def test_arrows_point_along_the_velocities_and_down() -> None:
     """In the world, which is NED: what pulls down grows along the third axis."""
-    sample = FILM.at(FILM.replay.t[len(FILM.replay.t) // 2])
+    sample = DISPLAY.at(DISPLAY.replay.t[len(DISPLAY.replay.t) // 2])
     along = arrows_at(sample)
     down = along["gravity"]
     assert down[2] > 0.5
@@ -86,7 +86,7 @@ def test_arrows_point_along_the_velocities_and_down() -> None:
 @pytest.mark.parametrize(("slower", "faster"), [("ref", "imu"), ("imu", "ref")])
 def test_the_arrow_of_the_faster_one_is_the_longer(slower: str, faster: str) -> None:
     flown = {slower: np.array([0.0, 2.0, 0.0]), faster: np.array([6.0, 0.0, 0.0])}
-    along = arrows_at(replace(FILM.at(FILM.start), velocity_ref=flown["ref"], velocity_imu=flown["imu"]))
+    along = arrows_at(replace(DISPLAY.at(DISPLAY.start), velocity_ref=flown["ref"], velocity_imu=flown["imu"]))
     assert np.linalg.norm(along[faster]) > 1.5 * np.linalg.norm(along[slower])
 
 
@@ -120,8 +120,8 @@ def test_the_first_view_shows_the_whole_flight(points: list[tuple[float, float, 
 
 @pytest.mark.parametrize("mode", CAMERA_MODES)
 def test_a_following_camera_keeps_the_autopilot_in_the_middle(mode: str) -> None:
-    for t in np.linspace(FILM.start, FILM.end, 7):
-        sample = FILM.at(float(t))
+    for t in np.linspace(DISPLAY.start, DISPLAY.end, 7):
+        sample = DISPLAY.at(float(t))
         pose = world(mode, sample)  # type: ignore[arg-type]  # the parameter is one of the modes
         where = pose.apply(sample.position_ref)
         middle = (sample.position_ref - sample.position_imu) / 2 if mode == "Follow" else np.zeros(3)
@@ -133,7 +133,7 @@ def test_a_following_camera_keeps_the_autopilot_in_the_middle(mode: str) -> None
 
 @given(st.floats(0.0, 5000.0), st.floats(1.0, 1000.0))
 def test_who_follows_steps_back_until_both_are_seen(apart: float, away: float) -> None:
-    sample = replace(FILM.at(FILM.start), position_m=apart)
+    sample = replace(DISPLAY.at(DISPLAY.start), position_m=apart)
     eye = away * np.array([-0.8, 0.0, -0.6])
     moved = step_back("Follow", eye, sample)
     width = 2 * np.tan(FIELD_OF_VIEW / 2) * ASPECT * float(np.linalg.norm(eye if moved is None else moved))
@@ -153,6 +153,6 @@ def test_a_flight_that_never_moves_is_framed() -> None:
 
 
 def test_an_imu_that_went_astray_does_not_spoil_the_picture() -> None:
-    path = FILM.replay.position_ref
+    path = DISPLAY.replay.position_ref
     astray = path + np.linspace(0, 1e7, len(path))[:, None]
     assert frame(path, astray).radius < 2.0 * frame(path).radius

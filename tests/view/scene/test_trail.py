@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.view.scene.extra_paths import DASHES, dashes, dots
+from companion.view.scene.paths import DASHES, dashes, dots
 from companion.view.scene.trail import CHUNK, CHUNKS, simplified
 
 HOUR = np.arange(0.0, 3600.0, 0.1)

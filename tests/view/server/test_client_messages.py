@@ -126,11 +126,11 @@ def test_no_message_ends_the_page(flight: Flight, capfd: pytest.CaptureFixture[s
 
     with Viewer([flight], recompute, examine, port=0) as viewer:
         attack(viewer.url.replace("http", "ws", 1))
-        before = viewer.pose_updates
+        before = viewer.controller.pose_updates
 
         def goes_on() -> bool:
             viewer.player.playing = True
-            return viewer.pose_updates > before
+            return viewer.controller.pose_updates > before
 
         wait_for(goes_on, "the page plays on")
         assert not viewer.stopped

@@ -209,7 +209,7 @@ def test_an_address_may_ask_for_an_instant_and_an_imu() -> None:
         answer = get(viewer.url, "/?t=120.5&imu=SCALED_IMU2&websocket=ws://evil.example")
         assert (answer.status, answer.headers["Location"]) == (303, "./")
         wait_for(lambda: viewer.player.time == 120.5, "the instant")
-        wait_for(lambda: viewer.scene.imu.name.startswith("SCALED_IMU2"), "the IMU")
+        wait_for(lambda: viewer.controller.scene.imu.label.text.startswith("SCALED_IMU2"), "the IMU")
         for path in ("/?t=nan", "/?t=1e999", "/?t=%00&imu=NONE", "/?imu=" + "x" * 5000):
             assert get(viewer.url, path).status == 303
         assert get(viewer.url, "/?t=130", **{"Sec-Fetch-Dest": "image"}).status == 303

@@ -1,4 +1,4 @@
-"""Where the page may be served, and what the user is told when it may not."""
+"""Where the page may be served, and what the user reads when it may not."""
 
 from __future__ import annotations
 

@@ -10,10 +10,11 @@ import pytest
 from companion.analysis import FreeState, Replay
 from companion.model import NavState
 from companion.view import ReplayChoice
-from companion.view.state.history import History, free_errors, present
-from tests.view.circles import make_flight, reckon
+from companion.view.state.history import History, free_run, present
+from companion.view.state.trajectory import Errors
+from tests.view.circles import dead_reckon, make_flight
 
-WHOLE: Replay = reckon(make_flight(), ReplayChoice())
+WHOLE: Replay = dead_reckon(make_flight(), ReplayChoice())
 
 
 def until(t: float) -> Replay:
@@ -42,23 +43,23 @@ def test_the_newest_rows_are_kept_in_order() -> None:
         history.add(replay, free_at(replay))
     assert len(history) == 100
     past = history.past()
-    t = past.film.replay.t
+    t = past.display.replay.t
     assert t[-1] == 0.0
     assert t[0] == pytest.approx(-9.9, abs=0.2)
     assert (np.diff(t) > 0.08).all()
     assert past.end == pytest.approx(t0 + 29.9, abs=0.1)
-    then = past.film.at(-5.0)
+    then = past.display.at(-5.0)
     i = int(np.searchsorted(WHOLE.t, past.end - 5.0))
     np.testing.assert_allclose(then.position_ref, WHOLE.position_ref[i], atol=0.2)
     assert then.since_anchor_s == pytest.approx(past.end - 5.0 - WHOLE.anchors[WHOLE.anchors < past.end - 5.0][-1])
     assert past.free[-1] == pytest.approx([5.0, -2.0, 5.0, 0.0])
-    curves, errors = history.curves(), past.film.errors
-    np.testing.assert_array_equal(curves.t, errors.t)
-    expected = np.column_stack([errors.tilt_deg, errors.heading_deg, errors.velocity_mps, errors.position_m])
-    np.testing.assert_allclose(curves.errors, expected, atol=1e-9)
-    np.testing.assert_array_equal(curves.free, past.free)
+    curves, errors = history.curves(), past.display.errors
+    for column in Errors.__slots__:
+        np.testing.assert_allclose(getattr(curves.errors, column), getattr(errors, column), atol=1e-9)
+    for i, column in enumerate(Errors.__slots__[1:]):
+        np.testing.assert_array_equal(getattr(curves.free, column), past.free[:, i])
     assert curves.age[-1] == pytest.approx(past.end - WHOLE.anchors[WHOLE.anchors <= past.end][-1], abs=1e-6)
-    np.testing.assert_array_equal(curves.known, past.film.replay.reference_valid)
+    np.testing.assert_array_equal(curves.known, past.display.replay.reference_valid)
     history.clear()
     assert len(history) == 0
 
@@ -69,8 +70,8 @@ def test_a_silence_is_a_gap_in_the_charts() -> None:
     for t in [*np.arange(1.0, 5.0, 0.1), *np.arange(12.0, 15.0, 0.1)]:
         history.add(until(t0 + t), None)
     past = history.past()
-    valid = past.film.replay.reference_valid
-    gap = np.flatnonzero(np.diff(past.film.replay.t) > 1.0)
+    valid = past.display.replay.reference_valid
+    gap = np.flatnonzero(np.diff(past.display.replay.t) > 1.0)
     assert len(gap) == 1
     assert not valid[gap[0]]
     assert not valid[gap[0] + 1]
@@ -82,4 +83,4 @@ def test_the_present_is_the_last_sample() -> None:
     now = present(WHOLE)
     assert now.end == WHOLE.t[-1]
     np.testing.assert_allclose(now.at(now.end).position_imu, WHOLE.position_imu[-1])
-    assert free_errors(free_at(WHOLE))[0] == pytest.approx(5.0)
+    assert free_run(free_at(WHOLE), 0.0).errors[0] == pytest.approx(5.0)

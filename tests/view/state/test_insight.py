@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from companion.view import ReplayChoice
-from companion.view.scene.overview import worst_words
-from companion.view.state.insight import Worst, worst_stretch
-from tests.view.circles import BOOT, make_flight, reckon
+from companion.view.scene.paths import worst_words
+from companion.view.state.trajectory import Worst, worst_stretch
+from tests.view.circles import BOOT, dead_reckon, make_flight
 
-REPLAY = reckon(make_flight(), ReplayChoice())
+REPLAY = dead_reckon(make_flight(), ReplayChoice())
 
 
 def test_it_begins_at_the_anchor_before_and_ends_farthest_apart() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Flight, StatusText
 from companion.view import Mark
-from companion.view.state.marks import neighbour, short, strip, text_marks
+from companion.view.panels.bands import strip
+from companion.view.state.marks import short, text_marks
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -56,29 +56,19 @@ def test_a_short_label_is_one_printable_line(label: str) -> None:
 
 
 def test_what_the_vehicle_said_is_sorted_and_told_apart(flight: Flight) -> None:
-    said = [
+    reported = [
         (107.0, 6, "Disarming motors"),
         (101.0, 6, "Arming motors"),
         (102.0, 3, "EKF lane switch 1"),
         (103.0, 6, "x"),
     ]
-    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in said)))
+    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in reported)))
     assert [(mark.t, mark.kind) for mark in marks] == [
         (101.0, "arming"),
         (102.0, "trouble"),
         (103.0, "text"),
         (107.0, "arming"),
     ]
-
-
-@given(st.lists(st.floats(0, 100)), st.floats(0, 100))
-def test_neighbours_lie_on_their_side_with_none_between(times: list[float], now: float) -> None:
-    after, before = neighbour(times, now, forward=True), neighbour(times, now, forward=False)
-    assert after is None or after > now
-    assert before is None or before < now
-    low, high = -1.0 if before is None else before, 101.0 if after is None else after
-    between = [t for t in times if low < t < high]
-    assert all(t == pytest.approx(now, abs=1.1e-6) for t in between)
 
 
 def test_marks_outside_are_left_out_and_an_instant_has_no_strip() -> None:

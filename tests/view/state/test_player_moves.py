@@ -2,60 +2,76 @@
 
 from __future__ import annotations
 
+from functools import partial
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from companion.view import Mark, ReplayChoice
-from companion.view.state import events
-from companion.view.state.player import Player, move
-from companion.view.state.sample import footage
-from tests.view.circles import BOOT, RATE, make_flight, recompute
+from companion.view.state.player import Player
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))  # anchors every 10 s from BOOT on
-MARKS = [Mark(BOOT + 3.0, "Arming motors", "arming"), Mark(BOOT + 41.5, "Disarming motors", "arming")]
+STOPS = np.arange(0.0, 60.0, 10.0)
 
 
 @pytest.fixture
 def player() -> Player:
-    return Player(FILM.start, FILM.end)
+    """A minute with an anchor every 10 s, two events and 50 samples a second."""
+    player = Player(0.0, 60.0)
+    player.stops = {"anchor": STOPS, "event": np.array([3.0, 41.5]), "sample": np.arange(0.0, 60.0, 0.02)}
+    return player
 
 
-def after(player: Player, *asked: events.Move) -> float:
-    """Seconds since the first sample, when all that was asked has been done."""
-    for event in asked:
-        move(player, event, FILM, MARKS)
-    return player.time - BOOT
+def test_anchors_and_events_are_walked_one_by_one(player: Player) -> None:
+    on, back = partial(player.jump, forward=True), partial(player.jump, forward=False)
+    reached = []
+    for jump in (partial(on, "anchor"), partial(on, "anchor"), partial(back, "anchor"), *[partial(on, "event")] * 2):
+        jump()
+        reached.append(player.time)
+    assert reached == [10.0, 20.0, 10.0, 41.5, 41.5]  # there is none after the last
+    back("event")
+    assert player.time == 3.0
 
 
-NEXT_ANCHOR, ANCHOR_BEFORE = events.Jump("anchor", forward=True), events.Jump("anchor", forward=False)
-NEXT_MARK, MARK_BEFORE = events.Jump("mark", forward=True), events.Jump("mark", forward=False)
+@given(st.lists(st.floats(0, 100)), st.floats(0, 100), st.booleans())
+def test_a_jump_passes_no_stop(times: list[float], now: float, forward: bool) -> None:
+    player = Player(0.0, 100.0)
+    player.stops["event"] = np.sort(np.array(times, dtype=np.float64))
+    player.seek(now)
+    player.jump("event", forward=forward)
+    low, high = sorted((now, player.time))
+    assert player.time == now or (player.time > now) == forward
+    assert all(not low + 1e-6 < t < high for t in times) if forward else all(not low < t < high - 1e-6 for t in times)
+    if player.time == now:
+        assert not any(t > now + 1e-6 if forward else t < now - 1e-6 for t in times)
 
 
-def test_anchors_and_marks_are_walked_one_by_one(player: Player) -> None:
-    assert after(player, NEXT_ANCHOR, NEXT_ANCHOR) == pytest.approx(20.0)
-    assert after(player, ANCHOR_BEFORE) == pytest.approx(10.0)
-    assert after(player, NEXT_MARK) == pytest.approx(41.5)
-    assert after(player, NEXT_MARK) == pytest.approx(41.5)  # there is none after it
-    assert after(player, MARK_BEFORE) == pytest.approx(3.0)
-    assert after(player, events.JumpToMark(1)) == pytest.approx(41.5)
-    assert after(player, events.JumpToMark(-1), events.JumpToMark(99)) == pytest.approx(41.5)
-
-
-def test_a_frame_is_a_sample_and_pauses(player: Player) -> None:
-    after(player, events.Toggle())
-    assert after(player, events.Seek(BOOT + 5.0), events.StepSample(1)) == pytest.approx(5.0 + 1 / RATE)
+def test_a_sample_on_and_back_pauses(player: Player) -> None:
+    player.toggle()
+    player.seek(5.005)  # between two samples
+    player.jump("sample", forward=True)
     assert not player.playing
-    assert after(player, events.StepSample(-1), events.StepSample(-1)) == pytest.approx(5.0 - 1 / RATE)
+    assert player.time == pytest.approx(5.02)
+    player.seek(5.005)
+    player.jump("sample", forward=False)
+    assert player.time == pytest.approx(5.0)
+    player.jump("sample", forward=False)
+    assert player.time == pytest.approx(4.98)
 
 
 def test_a_part_bounds_every_jump(player: Player) -> None:
-    after(player, events.Seek(BOOT + 15.0), events.SetPart("from"), events.Seek(BOOT + 35.0), events.SetPart("to"))
-    assert (player.start, player.end) == pytest.approx((BOOT + 15.0, BOOT + 35.0))
-    assert after(player, events.SeekShare(0.5)) == pytest.approx(25.0)
-    assert after(player, NEXT_ANCHOR, NEXT_ANCHOR) == pytest.approx(30.0)
-    assert after(player, NEXT_MARK) == pytest.approx(30.0)
-    assert after(player, events.SetPart("whole"), NEXT_MARK) == pytest.approx(41.5)
-
-
-def test_speed_direction_and_repeat_are_the_clocks(player: Player) -> None:
-    after(player, events.SetSpeed(5.0), events.SetBackwards(True), events.SetLoop(True))
-    assert (player.speed, player.backwards, player.loop) == (5.0, True, True)
+    player.seek(15.0)
+    player.cut("from")
+    player.seek(35.0)
+    player.cut("to")
+    assert (player.start, player.end) == (15.0, 35.0)
+    player.seek_share(0.5)
+    assert player.time == 25.0
+    for _ in range(2):
+        player.jump("anchor", forward=True)
+    assert player.time == 30.0
+    player.jump("event", forward=True)
+    assert player.time == 30.0
+    player.cut("whole")
+    player.jump("event", forward=True)
+    assert player.time == 41.5

@@ -12,24 +12,23 @@ from hypothesis import strategies as st
 
 from companion.analysis import Replay
 from companion.model import DataError, Flight
-from companion.view import Reckoning, ReplayChoice
-from companion.view.state.insight import Errors
-from companion.view.state.sample import Footage, Sample, with_insight
-from companion.view.state.sample import footage as film_of
-from tests.view.circles import BOOT, RATE, examine, make_flight, reckon
+from companion.view import DisplayTrajectory, ReplayChoice
+from companion.view import display_trajectory as display_of
+from companion.view.state.trajectory import Errors, Sample, with_result
+from tests.view.circles import BOOT, dead_reckon, examine, make_flight
 
 
-def footage(replay: Replay) -> Footage:
-    return film_of(Reckoning(replay, FLIGHT.imus["RAW_IMU"]))
+def display_trajectory(replay: Replay) -> DisplayTrajectory:
+    return display_of(replay, FLIGHT.imus["RAW_IMU"])
 
 
 FLIGHT = make_flight()
-FILM = footage(reckon(FLIGHT, ReplayChoice()))
+DISPLAY = display_trajectory(dead_reckon(FLIGHT, ReplayChoice()))
 
 
 @pytest.fixture
 def replay(flight: Flight) -> Replay:
-    return reckon(flight, ReplayChoice())
+    return dead_reckon(flight, ReplayChoice())
 
 
 def numbers(sample: Sample) -> list[float]:
@@ -37,9 +36,9 @@ def numbers(sample: Sample) -> list[float]:
 
 
 def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
-    film = footage(replay)
+    display = display_trajectory(replay)
     for i in (0, 7, 777, len(replay.t) - 1):
-        sample = film.at(float(replay.t[i]))
+        sample = display.at(float(replay.t[i]))
         np.testing.assert_allclose(sample.position_imu, replay.position_imu[i], atol=1e-9)
         np.testing.assert_allclose(sample.q_ref, replay.q_ref[i], atol=1e-9)
         assert sample.position_m == pytest.approx(float(np.linalg.norm(replay.position_error[i])))
@@ -51,11 +50,11 @@ def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
 @given(st.integers(1, 1400))
 def test_the_last_sample_is_what_its_time_gives(count: int) -> None:
     """The quaternions as rotations: a sign stands for none."""
-    replay = FILM.replay
+    replay = DISPLAY.replay
     columns = [name for name in Replay.__slots__ if name != "anchors" and np.shape(getattr(replay, name))]
     cut: dict[str, Any] = {name: getattr(replay, name)[:count] for name in columns}
-    film = footage(replace(replay, **cut))
-    last, there = film.last, film.at(film.end)
+    display = display_trajectory(replace(replay, **cut))
+    last, there = display.last, display.at(display.end)
     for ours, theirs in ((last.q_imu, there.q_imu), (last.q_ref, there.q_ref)):
         assert abs(float(ours @ theirs)) == pytest.approx(1.0, abs=1e-12)
     alike = replace(last, q_imu=there.q_imu, q_ref=there.q_ref)
@@ -63,33 +62,33 @@ def test_the_last_sample_is_what_its_time_gives(count: int) -> None:
 
 
 def test_the_distance_shown_is_the_distance_drawn(replay: Replay) -> None:
-    film = footage(replay)
+    display = display_trajectory(replay)
     for i in (3, 300, 2000):
-        sample = film.at(float(replay.t[i]))
+        sample = display.at(float(replay.t[i]))
         drawn = np.linalg.norm(sample.position_ref - sample.position_imu)
         assert sample.position_m == pytest.approx(float(drawn), abs=1e-9)
 
 
 def test_between_samples_it_lies_between_them(replay: Replay) -> None:
-    sample = footage(replay).at(float((replay.t[100] + replay.t[101]) / 2))
+    sample = display_trajectory(replay).at(float((replay.t[100] + replay.t[101]) / 2))
     middle = (replay.position_ref[100] + replay.position_ref[101]) / 2
     np.testing.assert_allclose(sample.position_ref, middle, atol=1e-9)
 
 
 def test_an_anchor_is_a_jump_and_not_a_slide(replay: Replay) -> None:
-    film = footage(replay)
-    at = int(film.restarts[1])
-    before = film.at(float(replay.t[at]) - 1e-6)
+    display = display_trajectory(replay)
+    at = int(display.restarts[1])
+    before = display.at(float(replay.t[at]) - 1e-6)
     np.testing.assert_allclose(before.position_imu, replay.position_imu[at - 1], atol=1e-9)
     assert before.since_anchor_s == pytest.approx(10.0, abs=1e-3)
-    after = film.at(float(replay.t[at]))
+    after = display.at(float(replay.t[at]))
     assert after.position_m == pytest.approx(0.0)
     assert after.since_anchor_s == pytest.approx(0.0)
 
 
 @given(st.floats(-1e6, 1e6))
 def test_any_time_gives_finite_numbers_and_unit_quaternions(t: float) -> None:
-    sample = FILM.at(t)
+    sample = DISPLAY.at(t)
     assert np.isfinite(numbers(sample)).all()
     for q in (sample.q_imu, sample.q_ref):
         assert np.linalg.norm(q) == pytest.approx(1.0)
@@ -100,60 +99,51 @@ def test_what_is_not_finite_or_has_no_direction_is_left_out(replay: Replay) -> N
     position[10, 1], position[11, 0], position[12, 2] = np.nan, np.inf, 1e200
     q[20] = 0.0
     error[30, 0] = -np.inf
-    film = footage(replace(replay, position_imu=position, q_ref=q, attitude_error=error))
-    assert len(film.replay.t) == len(replay.t) - 5
-    np.testing.assert_allclose(np.linalg.norm(film.replay.q_ref, axis=1), 1.0)
+    display = display_trajectory(replace(replay, position_imu=position, q_ref=q, attitude_error=error))
+    assert len(display.replay.t) == len(replay.t) - 5
+    np.testing.assert_allclose(np.linalg.norm(display.replay.q_ref, axis=1), 1.0)
     for i in (9, 10, 11, 12, 20, 30):
-        assert np.isfinite(numbers(film.at(float(replay.t[i])))).all()
+        assert np.isfinite(numbers(display.at(float(replay.t[i])))).all()
 
 
 def test_nothing_finite_is_an_error_in_words(replay: Replay) -> None:
     with pytest.raises(DataError, match="nothing to show"):
-        footage(replace(replay, position_imu=np.full_like(replay.position_imu, np.nan)))
+        display_trajectory(replace(replay, position_imu=np.full_like(replay.position_imu, np.nan)))
 
 
 def test_a_single_sample_is_shown(replay: Replay) -> None:
     values = {name: getattr(replay, name) for name in Replay.__slots__ if name != "anchors"}
     columns: dict[str, Any] = {name: value[:1] for name, value in values.items() if isinstance(value, np.ndarray)}
-    film = footage(replace(replay, **columns))
-    assert film.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])
-
-
-@given(st.integers(0, 2999), st.integers(-5, 5))
-def test_a_frame_is_one_sample(i: int, samples: int) -> None:
-    t = FILM.replay.t
-    wanted = t[min(max(i + samples, 0), len(t) - 1)]
-    assert FILM.sample_from(float(t[i]), samples) == wanted
-    if samples and i + 1 < len(t):  # from between two samples, the next one is the neighbour on either side
-        between = float(t[i] + 0.3 / RATE)
-        beside = i + samples + (samples < 0)
-        assert FILM.sample_from(between, samples) == t[min(max(beside, 0), len(t) - 1)]
+    display = display_trajectory(replace(replay, **columns))
+    assert display.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])
 
 
 def test_what_the_autopilot_did_not_say_is_marked(replay: Replay) -> None:
     known = np.ones(len(replay.t), dtype=np.bool_)
     known[100:200] = False
-    film = footage(replace(replay, reference_valid=known))
-    assert [film.at(float(replay.t[i])).known for i in (98, 150, 201)] == [True, False, True]
+    display = display_trajectory(replace(replay, reference_valid=known))
+    assert [display.at(float(replay.t[i])).known for i in (98, 150, 201)] == [True, False, True]
 
 
 def test_what_the_analysis_says_comes_later() -> None:
-    assert (FILM.insight, FILM.after_horizon(BOOT + 30.0)) == (None, None)
-    assert not FILM.at(BOOT + 30.0).covariance.any()
-    film = with_insight(FILM, examine(FLIGHT, ReplayChoice(), FILM))
-    assert film.replay is FILM.replay
-    before, after = (film.at(t).covariance for t in (BOOT + 19.9, BOOT + 20.1))  # an anchor between
+    assert (DISPLAY.result, DISPLAY.after_horizon(BOOT + 30.0)) == (None, None)
+    assert not DISPLAY.at(BOOT + 30.0).covariance.any()
+    display = with_result(DISPLAY, examine(FLIGHT, ReplayChoice(), DISPLAY))
+    assert display.replay is DISPLAY.replay
+    before, after = (display.at(t).covariance for t in (BOOT + 19.9, BOOT + 20.1))  # an anchor between
     assert np.trace(before) > 10 * np.trace(after)
     assert (np.linalg.eigvalsh(before) > 0).all()
-    assert film.after_horizon(BOOT + 4.9) is None  # no window of 5 s has ended yet
-    assert isinstance(film.trailing, Errors)
-    angle, metres = film.after_horizon(BOOT + 30.0) or (0.0, 0.0)
-    assert metres == pytest.approx(film.trailing.at(BOOT + 30.0, "position_m"))
+    assert display.after_horizon(BOOT + 4.9) is None  # no window of 5 s has ended yet
+    assert isinstance(display.trailing, Errors)
+    angle, metres = display.after_horizon(BOOT + 30.0) or (0.0, 0.0)
+    assert metres == pytest.approx(np.interp(BOOT + 30.0, display.trailing.t, display.trailing.position_m), rel=0.02)
     assert angle > 0
 
 
 def test_many_instants_at_once_are_those_instants(replay: Replay) -> None:
-    film = footage(replay)
-    times = np.concatenate([np.linspace(film.start - 1, film.end + 1, 40), film.replay.t[film.restarts] - 1e-6])
-    for t, sample in zip(times, film.samples(times), strict=True):
-        np.testing.assert_array_equal(numbers(sample), numbers(film.at(float(t))))
+    display = display_trajectory(replay)
+    times = np.concatenate(
+        [np.linspace(display.start - 1, display.end + 1, 40), display.replay.t[display.restarts] - 1e-6]
+    )
+    for t, sample in zip(times, display.samples(times), strict=True):
+        np.testing.assert_array_equal(numbers(sample), numbers(display.at(float(t))))

@@ -7,7 +7,7 @@ import sys
 import threading
 
 from companion.model import Flight
-from companion.view import Footage, Insight, ReplayChoice, Viewer
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, Viewer
 from tests.view.circles import examine, recompute
 from tests.waiting import LIMIT_S
 
@@ -15,10 +15,10 @@ from tests.waiting import LIMIT_S
 def test_a_long_work_holds_up_neither_the_end_nor_the_process() -> None:
     program = """
 import time
-from companion.view.state.work import LatestOnly
-worker = LatestOnly("test", lambda order: time.sleep(order))
-worker.request(600.0)
-worker.request(601.0)
+from companion.view.state.work import Worker
+worker = Worker("test")
+worker.request(lambda: time.sleep(600.0), print)
+worker.request(lambda: time.sleep(601.0), print)
 worker.close()
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=LIMIT_S)
@@ -27,11 +27,11 @@ worker.close()
 def test_a_page_is_left_at_once_while_it_is_analysed(flight: Flight) -> None:
     analysed, over, done = threading.Event(), threading.Event(), threading.Event()
 
-    def endless(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+    def endless(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
         analysed.set()
         over.wait(2 * LIMIT_S)
         done.set()
-        return examine(flight, choice, film)
+        return examine(flight, choice, display)
 
     viewer = Viewer([flight], recompute, endless, port=0)
     try:

@@ -1,6 +1,15 @@
-"""How often each of several things is done."""
+"""What is sent to the browsers, and how often: only what has changed."""
 
 from __future__ import annotations
+
+from typing import Any
+
+
+def update(thing: Any, **values: object) -> None:
+    """Set properties of a node or a control; nothing is sent to the browsers where they are so already."""
+    for name, value in values.items():
+        if getattr(thing, name) != value:
+            setattr(thing, name, value)
 
 
 class Cadence:

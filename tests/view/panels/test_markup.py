@@ -8,8 +8,7 @@ import pytest
 
 from companion.analysis.verdict import Status
 from companion.present import palette
-from companion.view.panels.banner import COLOURS, banner, waiting
-from companion.view.panels.verdict_tables import swatch
+from companion.view.panels.markup import COLOURS, banner, swatch, waiting
 
 WHITE = (255, 255, 255)
 

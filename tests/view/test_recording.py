@@ -14,15 +14,15 @@ import viser
 import zstandard
 
 from companion.view import ReplayChoice
+from companion.view.export import Recording
 from companion.view.scene.cameras import frame_of
-from companion.view.scene.recording import Recording
-from companion.view.scene.scene import AUTOPILOT, IMU, Scene
+from companion.view.scene.drone import AUTOPILOT, IMU
+from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.server.web_server import Address, close_server, open_server
-from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))
+DISPLAY = recompute(make_flight(), ReplayChoice())
 STEP = 0.5
 
 
@@ -61,8 +61,8 @@ def recorded(html: str) -> dict[tuple[float, str, str], Any]:
 
 def test_moves_are_recorded_as_viser_records_them(server: viser.ViserServer) -> None:
     scene = Scene(server.scene, drone_for("QUADROTOR"))
-    scene.load(FILM, frame_of(FILM), drone_for("QUADROTOR"))
-    frames = [scene.moves(sample) for sample in FILM.samples(np.linspace(FILM.start, FILM.end, 20))]
+    scene.load(DISPLAY, frame_of(DISPLAY), drone_for("QUADROTOR"))
+    frames = [scene.moves(sample) for sample in DISPLAY.samples(np.linspace(DISPLAY.start, DISPLAY.end, 20))]
     ours, theirs = Recording(server), server.get_scene_serializer()
     for moves in frames:
         ours.add(moves)

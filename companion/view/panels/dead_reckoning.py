@@ -1,4 +1,4 @@
-"""The controls of how the IMU is reckoned. Every change becomes one event for the view thread."""
+"""The controls of the dead reckoning. Each changes its own part of what was requested last."""
 
 from __future__ import annotations
 
@@ -9,35 +9,59 @@ from typing import Any, TypeVar
 
 import viser
 
+from companion.analysis import Integration
 from companion.model import Flight
 from companion.present import AXES, palette
 from companion.strapdown import METHODS
-from companion.view.panels.controls import bounded, key_of, listen, write
-from companion.view.state import events
+from companion.view.panels.controls import Controls, bounded, key_of, write
 from companion.view.state.choice import NO_BIAS, Corrected, Offer, ReplayChoice
 
+Change = Callable[[Callable[[ReplayChoice], ReplayChoice]], object]
+"""Dead-reckons otherwise in one respect; in all others as was requested last, whether it is already shown or not."""
 INTEGRATORS = {METHODS[name].title: name for name in reversed(tuple(METHODS))}
 MIDDLES = {"Linear": "linear", "Cubic": "cubic"}
-JOINED = "How the readings are interpolated between two samples"
 GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
 CORRECTIONS: dict[str, Corrected] = {"Uncorrected": "no", "Corrected by this flight's calibration": "flight"}
 MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
-Bias = tuple[float, float, float]
 T = TypeVar("T")
-GYRO_UNIT, ACCEL_UNIT = (
-    "mrad/\u2060s",
-    "m/\u2060s²",
-)  # with a word joiner: a narrow label breaks before the unit, not in it
+# With a word joiner: a narrow label breaks before the unit, not in it.
+GYRO_UNIT, ACCEL_UNIT = "mrad/\u2060s", "m/\u2060s²"
 BESIDE = f'<div style="padding:0 1em;font-size:0.8em;opacity:{palette.QUIET}">Also shown, uncorrected:</div>'
 
 
-class ReckoningControls:
-    """Built once; `load` fits them to a flight. Only the view thread may call it."""
+def on_choice(
+    controls: Controls, change: Change, handle: Any, part: Callable[[ReplayChoice, Any], ReplayChoice]
+) -> None:
+    """Change a part of the choice to what a control says: anything, so that names are looked up, numbers bounded."""
+    controls.on_change(handle, lambda value: change(lambda choice: part(choice, value)))
 
-    def __init__(self, gui: viser.GuiApi, flight: Flight, offer: Offer, post: events.Post) -> None:
-        self._flight, self._post = flight, post
+
+def integration_controls(controls: Controls, how: Integration, change: Change) -> tuple[Any, Any]:
+    """The lists of integrators and of interpolations."""
+    add = controls.gui.add_dropdown
+    method = add("Integrator", tuple(INTEGRATORS), initial_value=key_of(INTEGRATORS, how.method))
+    middle = add(
+        "Interpolation",
+        tuple(MIDDLES),
+        initial_value=key_of(MIDDLES, how.middle),
+        hint="How the readings are interpolated between two samples",
+    )
+    on_choice(controls, change, method, lambda c, name: _how(c, method=_named(INTEGRATORS, name, c.how.method)))
+    on_choice(controls, change, middle, lambda c, name: _how(c, middle=_named(MIDDLES, name, c.how.middle)))
+    return method, middle
+
+
+class DeadReckoningControls:
+    """Those of a replay. Built once; `load` fits them to a flight. Only the view thread may call it."""
+
+    def __init__(
+        self, controls: Controls, flight: Flight, offer: Offer, change: Change, now: Callable[[], float]
+    ) -> None:
+        """now: the instant shown, s, boot clock."""
+        self._flight = flight
+        gui, on = controls.gui, partial(on_choice, controls, change)
         self._gravities, self._corrections = GRAVITIES, dict(CORRECTIONS)
         if offer.correction_file is not None:
             self._corrections[f"Corrected by {offer.correction_file}"] = "file"
@@ -56,8 +80,7 @@ class ReckoningControls:
             self._horizon = gui.add_dropdown(
                 "Horizon", tuple(self._horizons), hint="Length of the windows of drift table and charts"
             )
-            self._method = gui.add_dropdown("Integrator", tuple(INTEGRATORS))
-            self._middle = gui.add_dropdown("Interpolation", tuple(MIDDLES), hint=JOINED)
+            self._method, self._middle = integration_controls(controls, Integration(), change)
             self._segments = gui.add_number(
                 "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Integration steps between two samples"
             )
@@ -67,19 +90,34 @@ class ReckoningControls:
             )
             self._period = gui.add_number("every, s", 10.0, min=0.5, max=3600.0, step=0.5)
             self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the vehicle's boot")
-            self._here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
+            here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
         with gui.add_folder("Subtract a bias from the IMU", expand_by_default=False):
-            self._gyro = [
-                gui.add_slider(f"Gyro {axis}, {GYRO_UNIT}", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES
-            ]
-            self._accel = [
-                gui.add_slider(f"Accel {axis}, {ACCEL_UNIT}", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
-            ]
-            self._reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
-        self._listen()
+            self._gyro, self._accel = (
+                [gui.add_slider(f"{name} {axis}, {unit}", -most, most, step, 0.0) for axis in AXES]
+                for name, unit, most, step in (
+                    ("Gyro", GYRO_UNIT, GYRO_RANGE, 0.1),
+                    ("Accel", ACCEL_UNIT, ACCEL_RANGE, 0.005),
+                )
+            )
+            reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
+        on(self._imu, self._with_imu)
+        on(self._correction, lambda c, name: replace(c, correction=_named(self._corrections, name, c.correction)))
+        on(self._horizon, lambda c, name: replace(c, horizon_s=_named(self._horizons, name, c.horizon_s)))
+        on(self._segments, lambda c, count: _how(c, segments=int(bounded(count, 1, 1, MOST_SEGMENTS))))
+        on(self._gravity, lambda c, name: replace(c, gravity=_named(self._gravities, name, c.gravity)))
+        on(self._anchored, lambda c, anchored: replace(c, reanchor_s=_period(self._period.value) if anchored else None))
+        on(self._period, lambda c, s: c if c.reanchor_s is None else replace(c, reanchor_s=_period(s)))
+        on(self._start, self._with_start)
+        for i, box in enumerate(self._others):
+            on(box, partial(self._with_other, i))
+        for i in range(len(AXES)):
+            on(self._gyro[i], partial(_with_bias, "gyro_bias", i, 1e-3, GYRO_RANGE))
+            on(self._accel[i], partial(_with_bias, "accel_bias", i, 1.0, ACCEL_RANGE))
+        controls.on_click(here, lambda: change(lambda choice: replace(choice, start_s=now())))
+        controls.on_click(reset, lambda: change(partial(replace, gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
 
     def load(self, flight: Flight, choice: ReplayChoice, start: float) -> None:
-        """Show a choice. start: s, boot clock, where the reckoning begins. Values set here come back as no events."""
+        """Show a choice. start: s, boot clock, where the dead reckoning begins. What is set here is no change."""
         self._flight = flight
         self._imu.options = tuple(flight.imus) or ("none",)
         if choice.imu is not None and choice.imu in flight.imus:
@@ -110,39 +148,6 @@ class ReckoningControls:
         for slider, force in zip(self._accel, choice.accel_bias, strict=True):
             write(slider, bounded(force, -ACCEL_RANGE, 0.0, ACCEL_RANGE))
 
-    def _listen(self) -> None:
-        """Each control changes its own part of what was asked for last: the others may still show what was before."""
-
-        def hear(handle: Any, change: Callable[[ReplayChoice, Any], ReplayChoice]) -> None:
-            listen(handle, self._post, lambda: _change(change, handle.value))
-
-        hear(self._imu, self._with_imu)
-        for i, box in enumerate(self._others):
-            hear(box, partial(self._with_other, i))
-        hear(self._correction, lambda c, name: replace(c, correction=_named(self._corrections, name, c.correction)))
-        hear(self._horizon, lambda c, name: replace(c, horizon_s=_named(self._horizons, name, c.horizon_s)))
-        hear(self._method, lambda c, name: _how(c, method=_named(INTEGRATORS, name, c.how.method)))
-        hear(self._middle, lambda c, name: _how(c, middle=_named(MIDDLES, name, c.how.middle)))
-        hear(self._segments, lambda c, count: _how(c, segments=int(bounded(count, 1, 1, MOST_SEGMENTS))))
-        hear(self._gravity, lambda c, name: replace(c, gravity=_named(self._gravities, name, c.gravity)))
-        hear(
-            self._anchored, lambda c, anchored: replace(c, reanchor_s=_period(self._period.value) if anchored else None)
-        )
-        hear(self._period, lambda c, s: c if c.reanchor_s is None else replace(c, reanchor_s=_period(s)))
-        hear(self._start, self._with_start)
-        for i, slider in enumerate(self._gyro):
-            hear(slider, partial(_with_gyro, i))
-        for i, slider in enumerate(self._accel):
-            hear(slider, partial(_with_accel, i))
-
-        @self._here.on_click
-        async def _(_: object) -> None:
-            self._post(events.StartHere())
-
-        @self._reset.on_click
-        async def _(_: object) -> None:
-            self._post(events.Change(lambda choice: replace(choice, gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
-
     def _with_imu(self, choice: ReplayChoice, name: object) -> ReplayChoice:
         if not isinstance(name, str) or name not in self._flight.imus:
             return choice
@@ -159,11 +164,6 @@ class ReckoningControls:
         return replace(choice, start_s=bounded(seconds, begin, begin, begin + self._flight.duration))
 
 
-def _change(change: Callable[[ReplayChoice, Any], ReplayChoice], value: object) -> events.Change:
-    """To what a control says now. A browser may send anything: names are looked up, numbers kept in bounds."""
-    return events.Change(lambda choice: change(choice, value))
-
-
 def _named(options: Mapping[str, T], name: object, before: T) -> T:
     return options.get(name, before) if isinstance(name, str) else before
 
@@ -176,15 +176,9 @@ def _period(seconds: object) -> float:
     return bounded(seconds, 0.5, 10.0, 3600.0)
 
 
-def _with_gyro(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
-    rate = 1e-3 * bounded(value, -GYRO_RANGE, 0.0, GYRO_RANGE)
-    return replace(choice, gyro_bias=_with(i, choice.gyro_bias, rate))
-
-
-def _with_accel(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
-    return replace(choice, accel_bias=_with(i, choice.accel_bias, bounded(value, -ACCEL_RANGE, 0.0, ACCEL_RANGE)))
-
-
-def _with(i: int, bias: Bias, value: float) -> Bias:
-    x, y, z = (value if i == j else other for j, other in enumerate(bias))
-    return x, y, z
+def _with_bias(part: str, i: int, unit: float, most: float, choice: ReplayChoice, value: object) -> ReplayChoice:
+    """With another bias of one axis. part: of the choice; unit: of the slider."""
+    bias = list(getattr(choice, part))
+    bias[i] = unit * bounded(value, -most, 0.0, most)
+    changes: dict[str, Any] = {part: tuple(bias)}
+    return replace(choice, **changes)

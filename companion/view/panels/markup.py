@@ -1,0 +1,111 @@
+"""The markup of the panels: the verdict's banner, words, tables. "text" is escaped here; all else is markup already."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from companion.present import Rgb, clause, palette, words
+from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE
+
+COLOURS: dict[str, Rgb] = {
+    "consistent": palette.GOOD,
+    "imu_suspect": palette.BAD,
+    "autopilot_suspect": palette.BAD,
+    "insufficient_data": palette.DOUBTFUL,
+    "starting": palette.CONTROLS,  # this and the next: of a live verdict
+    "lost": palette.BAD,
+}
+_STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
+    f"<style>.companion-banner{{position:fixed;z-index:4;top:8px;left:{SIDE + 16}px;right:{SIDE + 16}px}}"
+    ".companion-banner{padding:8px 14px;border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;"
+    "pointer-events:none;"
+    "box-shadow:0 1px 4px rgba(0,0,0,.3)}"
+    ".companion-banner span{text-wrap:balance;display:-webkit-box;-webkit-box-orient:vertical;"
+    "-webkit-line-clamp:3;overflow:hidden}"
+    "@media (max-width:1150px){.companion-banner{font-size:16px}}"
+    f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
+    "@media (max-width:36em){.companion-banner{position:static;margin:0 0 6px;border-radius:0;font-size:16px}"
+    ".companion-banner span{-webkit-line-clamp:5}}</style>"
+)
+
+
+def banner(status: str, sentence: str, *, stale: bool = False) -> str:
+    """The verdict as HTML. status: of `Verdict`; sentence: untrusted text. stale: it is of old data, and is dimmed."""
+    return _banner(
+        f"{palette.SIGNS.get(status, '')} {words(status).upper()} – {clause(sentence)}", colour_of(status, stale=stale)
+    )
+
+
+def colour_of(status: str, *, stale: bool = False) -> Rgb:
+    """In which a verdict stands: grey where it is none any more, or not yet."""
+    return palette.CONTROLS if stale else COLOURS.get(status, palette.CONTROLS)
+
+
+def waiting(sentence: str) -> str:
+    """The same while there is no verdict: why not, in words. Untrusted text."""
+    return _banner(sentence, palette.CONTROLS)
+
+
+def _banner(text: str, colour: Rgb) -> str:
+    colours = f"background:{palette.css(colour)}"
+    whole = escape(text).replace(" ± ", "&nbsp;±&nbsp;")  # a line must not end between a value and its error
+    return f'{_STYLE}<div class="companion-banner" style="{colours}"><span>{whole}</span></div>'
+
+
+def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
+    """A spot in a source's colour; one that can be seen through has an edge in it, which is seen on a dark page too."""
+    return (
+        f'<span style="display:inline-block;{shape};margin-right:0.5em;vertical-align:middle;box-sizing:border-box;'
+        f'border:2px solid {palette.css(colour)};background:{palette.rgba(colour, opacity)}"></span>'
+    )
+
+
+def block(markup: str, style: str = "") -> str:
+    """Words below each other."""
+    return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.5;{style}">{markup}</div>'
+
+
+def lines(rows: Iterable[str]) -> str:
+    """One below the other."""
+    return "".join(f"<div>{row}</div>" for row in rows)
+
+
+def badge(text: str, colour: Rgb) -> str:
+    """A word on a colour."""
+    return (
+        f'<span style="background:{palette.css(colour)};color:white;border-radius:0.3em;padding:0.1em 0.6em;'
+        f'font-weight:700">{escape(text)}</span>'
+    )
+
+
+def trouble(text: str) -> str:
+    """What goes wrong."""
+    return f'<div style="color:var(--companion-trouble)">{escape(text)}</div>'
+
+
+def row(cells: Iterable[object], style: str = "") -> str:
+    """Of a table."""
+    return f'<tr style="{style}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
+
+
+def wrapped(markup: str) -> str:
+    """A cell in as many lines as it needs."""
+    return f'<span style="white-space:normal">{markup}</span>'
+
+
+def table(head: Sequence[str], rows: Iterable[str]) -> str:
+    """The first column to the left, the others to the right, below a paler head."""
+    top = row(head, f"opacity:{palette.QUIET}") if head else ""
+    return (
+        "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
+        ".companion-table td:first-child{text-align:left;padding:0}</style>"
+        '<div style="padding:0.2em 1em;overflow-x:auto"><table class="companion-table" style="width:100%;'
+        'font-size:0.76em;line-height:1.6;font-variant-numeric:tabular-nums;border-spacing:0">'
+        f"{top}{''.join(rows)}</table></div>"
+    )
+
+
+def title(markup: str) -> str:
+    """Above a table."""
+    return f'<div style="padding:0.7em 1em 0.1em;font-size:0.85em;font-weight:600">{markup}</div>'

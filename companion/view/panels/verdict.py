@@ -1,0 +1,170 @@
+"""The analysis beside the picture: findings that one can jump to, drift and calibration in tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+import viser
+
+from companion.analysis import Assessment, Drift, Finding, RedundantImu, Statistic, left_out
+from companion.model import counted, words
+from companion.present import (
+    AXES,
+    MOST_LINES,
+    QUANTITIES,
+    STATISTICS,
+    FindingGroup,
+    Rgb,
+    flight_words,
+    held_out_gain,
+    palette,
+    ranked,
+    significant,
+)  # fmt: skip
+from companion.view.panels.controls import Controls
+from companion.view.panels.markup import block, lines, row, swatch, table, title, wrapped
+from companion.view.state.marks import short
+from companion.view.state.trajectory import AnalysisResult
+
+ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE, "info": viser.Icon.INFO_CIRCLE}
+
+
+class FindingsTab:
+    """Only the view thread may call it."""
+
+    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
+        """jump: called with the finding that is pressed."""
+        gui = controls.gui
+        self._status = gui.add_html("")
+        self._flights = gui.add_html("", visible=False)
+        self._findings = [_FindingCard(controls, jump) for _ in range(MOST_LINES)]
+        self._more = gui.add_html("", visible=False)
+
+    def wait(self, text: str) -> None:
+        """Report that the analysis is in progress, or why there is none. `text` may hold anything."""
+        _write(self._status, [text])
+
+    def load(self, result: AnalysisResult | None, outside: str) -> None:
+        """Show the analysis; None: there is none yet. outside: which findings the replay does not reach."""
+        verdict = result.assessment.verdict if result else None
+        findings = verdict.findings if verdict else ()
+        groups, more = ranked(findings)
+        for card, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
+            card.show(group)
+        _write(self._more, [*([f"and {more} more, on the timeline"] if more else []), *([outside] if outside else [])])
+        flights = verdict.flights if verdict else ()
+        _write(self._flights, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
+        if verdict is not None:
+            _write(self._status, [] if findings else ["Nothing stands out."])
+
+
+def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:
+    """Each in a line of its own; without any the place is hidden."""
+    handle.visible = bool(texts)
+    handle.content = block(lines(map(escape, texts)))
+
+
+def drift_tab(result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> str:
+    """Drift, IMUs and calibration; None: there is no analysis yet."""
+    if result is None:
+        return block("Analysis in progress.")
+    assessment = result.assessment
+    return (
+        drift_table(assessment.drift, assessment, colours[assessment.drift.imu], result.horizon_s)
+        + redundant_imus_table(result.redundant_imus, colours)
+        + calibration_table(assessment)
+    )
+
+
+class _FindingCard:
+    """A button in the colour of its severity that jumps to where the worst of a group begins, and their evidence."""
+
+    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
+        self._finding: Finding | None = None
+        self._button = controls.gui.add_button("", visible=False)
+        self._evidence = controls.gui.add_html("", visible=False)
+        controls.on_click(self._button, lambda: self._finding and jump(self._finding))
+
+    def show(self, group: FindingGroup | None) -> None:
+        self._button.visible = self._evidence.visible = group is not None
+        if group is None:
+            return
+        finding = self._finding = group.worst
+        self._button.label = short(f"{finding.start_s:.1f} s: {words(finding.kind)}")
+        self._button.icon = ICONS.get(finding.severity, ICONS["info"])
+        self._button.color = palette.SEVERITIES[finding.severity]
+        self._button.hint = finding.advice or None
+        start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
+        when = f" ({start} s)" if start == end else f" ({start} to {end} s)"
+        self._evidence.content = block(
+            f"{escape(str(group))}{when if len(group.findings) == 1 else ''}"
+            + (f'<div style="opacity:0.8">{escape(finding.advice)}</div>' if finding.severity != "info" else "")
+        )
+
+
+def drift_table(drift: Drift, assessment: Assessment, colour: Rgb, horizon_s: float) -> str:
+    """Measured median and 95 %, and expected 1σ, after each horizon; the chosen one stands out."""
+    rows = []
+    for one, expected in zip(drift.rows, assessment.expected, strict=True):
+        chosen = "font-weight:700" if one.horizon_s == horizon_s else ""
+        measured = [getattr(one, q.attribute) for q in QUANTITIES]
+        sigma = [getattr(expected, q.attribute, None) for q in QUANTITIES]
+        for first, key in ((f"{one.horizon_s:g} s", "median"), (counted(one.windows, "window"), "p95")):
+            rows.append(row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
+        of_sigma = ("" if s is None else significant(s) for s in sigma)
+        rows.append(row(("", "expected", *of_sigma), f"opacity:{palette.QUIET}"))
+        left = left_out(one.excluded)
+        if left and chosen:
+            rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
+    note = block("Median and 95 % of the windows; paler, the expected 1σ.", "opacity:0.65")
+    head = ("after", "", *(q.unit for q in QUANTITIES))
+    return title(f"{swatch(colour)}Drift of {escape(drift.imu)}") + table(head, rows) + note
+
+
+def redundant_imus_table(others: Sequence[RedundantImu], colours: Mapping[str, Rgb]) -> str:
+    """Every IMU of the flight through the same windows."""
+    if len(others) < 2:
+        return ""
+    rows = []
+    for other in others:
+        inside = "-" if not other.inside else f"{min(other.inside.values()):.0%}"
+        name = f"{swatch(colours[other.imu])}{escape(other.imu)}"
+        figures = (f"{other.rate_hz:.0f}", _figure(other.drift.attitude_deg), _figure(other.drift.position_m), inside)
+        rows.append(row((name, *figures)))
+    seconds = others[0].drift.horizon_s
+    return title(f"Every IMU after {seconds:g} s") + table(("", "Hz", "°", "m", "inside 95 %"), rows)
+
+
+def calibration_table(assessment: Assessment) -> str:
+    """The constant errors that explain the flight best, and whether they help where they were not fitted."""
+    fit = assessment.calibration
+    if fit is None:
+        return title("Calibration") + block("Too few windows to calibrate with.", "opacity:0.65")
+    scale = np.array([1e3] * 3 + [1.0] * 3 + [np.degrees(1.0)] * 3 + [1e3])
+    values, sigma = fit.values[:10] * scale, fit.sigma[:10] * scale
+    rows = []
+    for name, part in (("gyro, mrad/s", (0, 1, 2)), ("accel, m/s²", (3, 4, 5)), ("mounting, °", (6, 7, 8))):
+        cells = (_measured(values[i], sigma[i], 2) if fit.observable[i] else "not seen" for i in part)
+        rows.append(row((name, *cells)))
+    lag = _measured(values[9], sigma[9], 1) if fit.observable[9] else "not seen"
+    rows.append(row(("lag, ms", lag, "", "")))
+    note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
+    if (gain := held_out_gain(assessment)) is not None:
+        note += f" With that of the first half, {counted(gain.windows, 'window')} of the second: median drift {gain}."
+    worse = (
+        "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>"
+        if assessment.made_worse
+        else ""
+    )
+    return title("Calibration") + table(("", *AXES), rows) + block(note + worse, "opacity:0.75")
+
+
+def _figure(statistic: Statistic | None, key: str = "median") -> str:
+    return "-" if statistic is None else significant(getattr(statistic, key))
+
+
+def _measured(value: float, sigma: float, digits: int) -> str:
+    """A value and its error, below each other where the panel is too narrow for both."""
+    return wrapped(f"{value:.{digits}f} ±&nbsp;{sigma:.{digits}f}")

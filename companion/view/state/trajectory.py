@@ -1,0 +1,310 @@
+"""A replay made ready for the eye: finite, in the units people read, and at any instant between two samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, Replay, WindowErrors
+from companion.model import Array, DataError, ImuTrack, words
+from companion.strapdown import SAME_TIME, quaternion
+from companion.view.state.decimation import Indices
+from companion.view.state.marks import Mark
+
+MOST = 1e12
+"""A figure that diverged is finite here and infinite as the float32 that the browser gets: it is cut off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnalysisResult:
+    """The analysis of the IMU that is shown, integrated and corrected as it is shown. It comes after the picture."""
+
+    assessment: Assessment
+    trailing: WindowErrors  # the error over the chosen horizon, of a window that ends at every sample
+    horizon_s: float
+    redundant_imus: tuple[RedundantImu, ...] = ()
+    expected: Expectation | None = None  # over the replay; None where it is not known
+    noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        """The findings as marks of the timeline, in the order of the verdict."""
+        return tuple(
+            Mark(f.start_s, f"{words(f.kind)}: {f.evidence}", "finding") for f in self.assessment.verdict.findings
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """How far both are apart, in the units people read."""
+
+    t: Array  # (N,) s, boot clock
+    tilt_deg: Array  # (N,) size of the horizontal part of the attitude error
+    heading_deg: Array  # (N,) its vertical part: positive when the autopilot points clockwise of the IMU, from above
+    velocity_mps: Array  # (N,)
+    position_m: Array  # (N,)
+
+
+def errors_of(t: Array, attitude: Array, velocity: Array, position: Array) -> Errors:
+    """Errors (N, 3) as analysis has them (rad, m/s, m, NED) in degrees and as lengths; finite."""
+    degrees = _bounded(np.degrees(attitude))
+
+    def length(vectors: Array) -> Array:
+        return np.asarray(np.linalg.norm(_bounded(vectors), axis=1))
+
+    return Errors(t, length(degrees[:, :2]), degrees[:, 2].copy(), length(velocity), length(position))
+
+
+def _bounded(values: Array) -> Array:
+    if np.abs(values).max(initial=0.0) <= MOST:  # which NaN is not
+        return values
+    return np.clip(np.nan_to_num(values), -MOST, MOST)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """How far apart both are expected to be: one standard deviation of each error's length, over time."""
+
+    t: Array  # (M,) s, boot clock, increasing
+    attitude_deg: Array  # (M,)
+    velocity_mps: Array  # (M,)
+    position_m: Array  # (M,)
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (M, 3, 3) of the position, NED, m²
+
+    def at(self, t: float) -> tuple[float, float, float]:
+        """Attitude °, velocity m/s, position m at `t`, s."""
+        attitude, velocity, position = (
+            float(np.interp(t, self.t, line)) for line in (self.attitude_deg, self.velocity_mps, self.position_m)
+        )
+        return attitude, velocity, position
+
+    def ellipsoid(self, t: float) -> Array:
+        """Covariance of the position (3, 3) at `t`, s: on a straight line between those that are known."""
+        if not len(self.covariance):
+            return np.zeros((3, 3))
+        i = int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2))
+        share = float(np.clip((t - self.t[i]) / (self.t[i + 1] - self.t[i]), 0.0, 1.0))
+        return np.asarray((1 - share) * self.covariance[i] + share * self.covariance[i + 1])
+
+
+def envelope_of(expected: Expectation) -> Envelope:
+    """The lengths and the position's covariance of an expectation, finite."""
+    attitude, velocity, position = (np.clip(np.nan_to_num(line, posinf=MOST), 0.0, MOST) for line in expected.lengths)
+    covariance = np.nan_to_num(expected.covariance[:, 6:9, 6:9], posinf=MOST**2)
+    return Envelope(expected.t, attitude, velocity, position, np.clip(covariance, -(MOST**2), MOST**2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Both states at one instant, and how far apart they are."""
+
+    t: float  # s, boot clock
+    q_imu: Array  # (4,) wxyz NED/FRD, unit length
+    position_imu: Array  # (3,) NED, m
+    q_ref: Array  # (4,)
+    position_ref: Array  # (3,) NED, m
+    tilt_deg: float  # size of the horizontal part of the attitude error
+    heading_deg: float  # its vertical part: positive when the autopilot points clockwise of the IMU, seen from above
+    velocity_mps: float
+    position_m: float
+    since_anchor_s: float
+    velocity_imu: Array  # (3,) NED, m/s
+    velocity_ref: Array  # (3,) NED, m/s, the autopilot's
+    covariance: Array  # (3, 3) of the expected position error, NED, m²; zero where nothing is expected
+    known: bool  # whether the autopilot's state is known here, or only interpolated across a gap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisplayTrajectory:
+    """A replay with its errors as people read them. Everything in it is finite, every quaternion of unit length."""
+
+    replay: Replay
+    track: ImuTrack | None  # the readings, corrected as they were integrated; None: not kept
+    errors: Errors  # at the replay's times
+    restarts: Indices  # (A,) the first sample at or after each anchor: the IMU's track is broken just before it
+    others: Mapping[str, DisplayTrajectory]  # other IMUs of the flight, by message name
+    result: AnalysisResult | None = None  # once it has come
+    expected: Envelope | None = None  # of the errors since the anchor
+    trailing: Errors | None = None  # over the chosen horizon, at the ends of its windows
+
+    @property
+    def source(self) -> str:
+        """The IMU message that was integrated, or "IMU"."""
+        return self.track.source if self.track is not None else "IMU"
+
+    @property
+    def start(self) -> float:
+        """s, boot clock, of the first sample."""
+        return float(self.replay.t[0])
+
+    @property
+    def end(self) -> float:
+        """s, boot clock, of the last sample."""
+        return float(self.replay.t[-1])
+
+    def at(self, t: float) -> Sample:
+        """The instant `t`: see `samples`."""
+        return self.samples(np.array([t]))[0]
+
+    @property
+    def last(self) -> Sample:
+        """The last sample: what `at(end)` is, in a tenth of the time."""
+        begun = self.replay.anchors[self.replay.anchors <= self.end]
+        values: dict[str, Any] = {name: column[-1] for name, column in self._columns().items()}
+        return Sample(
+            self.end,
+            **values,
+            since_anchor_s=self.end - float(begun[-1]) if len(begun) else 0.0,
+            covariance=self._covariance(self.end),
+            known=bool(self.replay.reference_valid[-2:].all()),
+        )
+
+    def samples(self, times: Array) -> list[Sample]:
+        """The instants `times` (F,) s, between two samples by straight lines; beyond the ends the first or last sample.
+
+        Across an anchor the IMU's track jumps back to the autopilot's: there the sample before is held.
+        """
+        r = self.replay
+        last = len(r.t) - 1
+        left = np.maximum(np.minimum(r.t.searchsorted(times, side="right") - 1, last - 1), 0)
+        right = np.minimum(left + 1, last)
+        begin, end = r.t[left], r.t[right]
+        share = np.minimum(np.maximum(times - begin, 0.0) / np.where(end > begin, end - begin, np.inf), 1.0)
+        jumps = self.restarts.searchsorted(right) < self.restarts.searchsorted(right, side="right")
+        imu_share = np.where(jumps & (share < 1.0), 0.0, share)
+        anchors = r.anchors.searchsorted(times, side="right")
+        columns = {
+            name: _between(column[left], column[right], share if name.endswith("_ref") else imu_share)
+            for name, column in self._columns().items()
+        }
+        columns |= {
+            "t": times,
+            "since_anchor_s": np.where(anchors > 0, times - np.append(r.anchors, 0.0)[anchors - 1], 0.0),
+            "covariance": np.array([self._covariance(t) for t in times]).reshape(-1, 3, 3),
+            "known": r.reference_valid[left] & r.reference_valid[right],
+        }
+        return [Sample(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+
+    def _columns(self) -> dict[str, Array]:
+        """Of a sample, at the replay's times."""
+        values = {name: getattr(self.replay, name) for name in _STATES}
+        return values | {name: getattr(self.errors, name) for name in _ERRORS}
+
+    def _covariance(self, t: float) -> Array:
+        return np.zeros((3, 3)) if self.expected is None else self.expected.ellipsoid(t)
+
+    def after_horizon(self, t: float) -> tuple[float, float] | None:
+        """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
+
+        None before the first such window, and where it could not be used.
+        """
+        errors = self.trailing
+        if errors is None or not len(errors.t):
+            return None
+        i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
+        if i < 0 or t - errors.t[i] > _STALE_S:
+            return None
+        return float(np.hypot(errors.tilt_deg[i], errors.heading_deg[i])), float(errors.position_m[i])
+
+
+def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTrajectory:
+    """The same with its analysis."""
+    trailing = result.trailing
+    return replace(
+        shown,
+        result=result,
+        expected=envelope_of(result.expected) if result.expected else None,
+        trailing=errors_of(trailing.end_s, trailing.attitude, trailing.velocity, trailing.position),
+    )
+
+
+def display_trajectory(
+    replay: Replay, track: ImuTrack | None = None, others: Mapping[str, Replay] | None = None
+) -> DisplayTrajectory:
+    """A replay without the samples that a screen cannot show: non-finite ones and quaternions of no length.
+
+    track: the readings as they were integrated, with the chosen corrections taken off; None: not kept. others: the
+    replays of other IMUs, by message name. Raises DataError when nothing is left.
+    """
+    q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
+    # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
+    good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
+    for name in COLUMNS:
+        size = np.abs(getattr(replay, name))
+        if not size.max(initial=0.0) < MOST:  # row by row takes longer
+            good &= (size < MOST).all(axis=1)
+    if not good.any():
+        raise DataError(
+            f"None of the {len(replay.t)} samples of this replay is finite: there is nothing to show. "
+            "Start later, or choose another IMU."
+        )
+    clean = replay
+    if not good.all():
+        clean = replace(
+            replay,
+            t=replay.t[good],
+            **{name: getattr(replay, name)[good] for name in COLUMNS},
+            reference_valid=replay.reference_valid[good],
+        )
+    clean = replace(
+        clean,
+        q_imu=quaternion.normalize(clean.q_imu),
+        q_ref=quaternion.normalize(clean.q_ref),
+        anchors=replay.anchors[np.isfinite(replay.anchors)],
+    )
+    return DisplayTrajectory(
+        clean,
+        track,
+        errors=errors_of(clean.t, clean.attitude_error, clean.velocity_error, clean.position_error),
+        restarts=np.searchsorted(clean.t, clean.anchors, side="left").astype(np.intp),
+        others={name: display_trajectory(other) for name, other in (others or {}).items()},
+    )
+
+
+_STATES = ("q_imu", "velocity_imu", "position_imu", "q_ref", "velocity_ref", "position_ref")
+COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
+_ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
+_STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
+
+
+def _between(a: Array, b: Array, share: Array) -> Array:
+    """Straight lines between neighbouring samples, (F,), (F, 3) or rotations (F, 4), which are put back to unit length.
+
+    Signs of rotations are chosen so that a·b >= 0; the length before is at least √½ then.
+    """
+    if a.ndim == 1:
+        return a + share * (b - a)
+    if a.shape[1] == 3:
+        return a + share[:, None] * (b - a)
+    b = np.where((a * b).sum(axis=1, keepdims=True) < 0, -b, b)
+    return quaternion.normalize(a + share[:, None] * (b - a))
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The stretch of a replay that ends farthest apart."""
+
+    start_s: float  # boot clock: where the dead reckoning last started from the autopilot
+    end_s: float  # where they are farthest apart
+    apart_m: float
+
+
+def worst_stretch(replay: Replay) -> Worst | None:
+    """The instant at which IMU and autopilot are farthest apart, and the stretch that leads there.
+
+    Only where the autopilot's state is known. None where the log has no position, or they never part.
+    """
+    known = np.flatnonzero(replay.reference_valid)
+    if not replay.has_position or not len(known):
+        return None
+    distances = np.linalg.norm(np.nan_to_num(replay.position_error[known]), axis=1)
+    at, apart = int(known[np.argmax(distances)]), float(distances.max())
+    if apart <= 0.0:
+        return None
+    end = float(replay.t[at])
+    before = replay.anchors[replay.anchors < end]
+    start = float(before[-1]) if len(before) else float(replay.t[0])
+    return Worst(start, end, apart)
