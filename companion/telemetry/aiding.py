@@ -1,12 +1,12 @@
 """Series of any format → typed tracks of the sensors that aid an IMU; what a simulator says of itself → its truth.
 
 What the fields of a format mean, their units and what stands for "not known" is settled in the series
-(`companion.telemetry.sensors`): a row there with these columns is all that a format needs to have the track.
+(`companion.telemetry.sources`): a row there with these columns is all that a format needs to have the track.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -33,7 +33,7 @@ from companion.model import (
 from companion.telemetry.air_and_ground import CONSTANT, airspeed_track, flow_track, is_constant, range_track
 from companion.telemetry.convert import SI, UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import Lazy, LazyTuple
-from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
+from companion.telemetry.outliers import HEIGHT, lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import pressure_altitude
 
 _Track = GpsTrack | CompassTrack | BarometerTrack | AirspeedTrack | RangeTrack | FlowTrack
@@ -42,12 +42,15 @@ _Maker = Callable[[Series, list[str]], _Track | None]
 _EARTH_M = 6.4e6
 
 
-def aiding_tracks(series: Mapping[str, Series], notes: Iterable[str], turns: Turns = UNTURNED) -> dict[str, Any]:
+def aiding_tracks(
+    series: Mapping[str, Series], notes: Iterable[str], turns: Turns = UNTURNED, apart: Collection[str] = ()
+) -> dict[str, Any]:
     """The fields of a `Flight` that its series tell: tracks in order of instance, and the notes with what is left out.
 
     gps: every receiver that ever had a fix; airspeeds: one that tells pressure alone where no other message tells the
     speed; compasses, barometers, ranges, flows: every one. Each kind is made when it or the notes are first looked
-    into. turns: into the frame of the IMU tracks, where that is not the compass's.
+    into. turns: into the frame of the IMU tracks, where that is not the compass's. apart: kinds of which every series
+    is of a sensor of its own, whatever its instance.
     """
     makers: dict[str, tuple[str, _Maker]] = {
         "gps": ("gps", _gps_track),
@@ -57,7 +60,9 @@ def aiding_tracks(series: Mapping[str, Series], notes: Iterable[str], turns: Tur
         "ranges": ("range", range_track),
         "flows": ("flow", flow_track),
     }
-    made = Lazy({name: partial(_made, of_kind(series, kind), make) for name, (kind, make) in makers.items()})
+    made = Lazy({
+        name: partial(_made, of_kind(series, kind), make, apart=kind in apart) for name, (kind, make) in makers.items()
+    })  # fmt: skip
     before = tuple(notes)
 
     def tracks(name: str) -> Sequence[Any]:
@@ -69,10 +74,12 @@ def aiding_tracks(series: Mapping[str, Series], notes: Iterable[str], turns: Tur
     return {**{name: tracks(name) for name in makers}, "notes": LazyTuple(every_note)}
 
 
-def _made(several: Iterable[Series], make: _Maker) -> tuple[tuple[_Track, ...], list[str]]:
+def _made(several: Iterable[Series], make: _Maker, *, apart: bool) -> tuple[tuple[_Track, ...], list[str]]:
     """One track per instance, the best sampled of it: RAW_IMU and HIGHRES_IMU speak of the same compass; and notes."""
     notes: list[str] = []
     tracks = [track for one in several if (track := make(one, notes)) is not None and len(track)]
+    if apart:
+        return tuple(tracks), notes
     told = [one for one in tracks if not isinstance(one, AirspeedTrack) or np.isfinite(one.airspeed).any()]
     best: dict[int, _Track] = {}
     for track in told or tracks:
@@ -128,25 +135,24 @@ def _compass_track(one: Series, notes: list[str], *, turns: Turns) -> CompassTra
     kept = uncontradicted(f"{one.source} (magnetometer)", notes, lone_fields(t, field))
     if not kept.all():
         t, field = t[kept], field[kept]
-    return CompassTrack(t, field, source=one.source, instance=one.instance)
+    calibrated = not one.source.startswith("sensor_mag")  # of PX4: that is the driver's
+    return CompassTrack(t, field, source=one.source, instance=one.instance, calibrated=calibrated)
 
 
 def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
-    if is_constant(one.source, one["pressure_pa"], notes):
+    told = "pressure_pa" if np.isfinite(one["pressure_pa"]).any() else "altitude_m"
+    if is_constant(one.source, one[told], notes):
         return None
     weighed = ~(one["pressure_pa"] <= 0.0)
     t, pressure, altitude = one.t[weighed], one["pressure_pa"][weighed], one["altitude_m"][weighed]
-    good = uncontradicted(one.source, notes, *lone_air(pressure, altitude))
+    good = uncontradicted(
+        one.source, notes, lone(pressure_altitude(pressure)[:, None], HEIGHT), lone(altitude[:, None], HEIGHT)
+    )
     t, pressure, altitude, temperature = t[good], pressure[good], altitude[good], one["temperature_degc"][weighed][good]
     track = BarometerTrack(t, pressure, altitude, temperature, one.source, one.instance)
     if not len(track):
         notes.append(f"{one.source} left out: its pressure is never above zero")
     return track
-
-
-def lone_air(pressure: Array, altitude: Array) -> tuple[BoolArray, BoolArray]:
-    """Which pressures (N,) Pa and altitudes (N,) m those before and after contradict."""
-    return lone(pressure_altitude(pressure)[:, None], HEIGHT), lone(altitude[:, None], HEIGHT)
 
 
 def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
@@ -158,9 +164,9 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
     if not kept.all():
         gps = Series(gps.t[kept], gps.values[kept], gps.columns, gps.source, gps.instance)
     velocity = np.column_stack([gps[name] for name in ("vn_mps", "ve_mps", "vd_mps")])
-    if np.isnan(velocity[:, :2]).all():  # speed over ground and course: nothing about up and down
-        velocity[:, 0] = gps["speed_mps"] * np.cos(gps["course_rad"])
-        velocity[:, 1] = gps["speed_mps"] * np.sin(gps["course_rad"])
+    flat = np.isnan(velocity[:, :2]).any(axis=1)  # speed over ground and course: nothing about up and down
+    speed, course = gps["speed_mps"][flat], gps["course_rad"][flat]
+    velocity[flat, :2] = np.column_stack([speed * np.cos(course), speed * np.sin(course)])
     track = GpsTrack(
         t=gps.t,
         latitude=gps["lat_rad"],
@@ -175,10 +181,10 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
         source=gps.source,
         instance=gps.instance,
     )
-    return None if is_frozen(track, notes) else track
+    return None if _is_frozen(track, notes) else track
 
 
-def is_frozen(track: GpsTrack, notes: list[str]) -> bool:
+def _is_frozen(track: GpsTrack, notes: list[str]) -> bool:
     """Whether a receiver says the same throughout: even at rest a fix differs from the one before in some digit."""
     fixed = np.isfinite(track.latitude)
     told = np.column_stack([

@@ -20,7 +20,7 @@ from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
 from companion.telemetry.outliers import readable
 from companion.telemetry.parameters import known_ranges, with_facts
-from companion.telemetry.quantities import RawSeries, raw_series
+from companion.telemetry.quantities import RawSeries
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -179,7 +179,7 @@ _KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radp
 _AXES = "xyz"
 
 
-def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries | None]:
+def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries]:
     """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with gaps between the batches."""
     if not {"ISBH", "ISBD"} <= records.keys():
         return
@@ -199,9 +199,8 @@ def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSer
         if kind < len(_KINDS) and len(rows):
             name, sensor, unit = _KINDS[kind]
             t, values = _samples(heads.select(head[rows]), data.select(rows))
-            fields = {f"{axis}_{unit}": (axis, "") for axis in _AXES}
-            column = {axis: values[:, i] for i, axis in enumerate(_AXES)}.get
-            yield raw_series(name, f"ISBD[{sensor} {instance}]", t, fields, column, instance=instance)
+            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
+            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
 
 
 def _samples(heads: Records, data: Records) -> tuple[Array, Array]:

@@ -20,13 +20,14 @@ from companion.telemetry.firmware import UNKNOWN
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.sanitize import words
-from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
+from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
-from companion.telemetry.ulog.quantities import OF_SERIES, TOPIC_SERIES, topic_series
+from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
 from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
+from companion.telemetry.ulog.truth import truth
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -38,7 +39,9 @@ _OTHERS = {
 }  # fmt: skip
 
 TOPICS = frozenset(
-    name for topic in (*NEEDED, *(row.topic for row in TOPIC_SERIES), *_OTHERS) for name in instance_names(topic)
+    name
+    for topic in (*NEEDED, *(row.name for row in (*TOPIC_SOURCES, *DRIVER_SOURCES)), *_OTHERS)
+    for name in instance_names(topic)
 )
 """Topics whose fields a flight is made of. Some logs have the instance in the name of the topic."""
 
@@ -61,19 +64,13 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     used = imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
     let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
-    selected = {
-        "gps": gps_tracks(topics, notes),
-        "compasses": compass_tracks(topics, notes),
-        "barometers": barometer_tracks(topics, notes),
-    }
-    let_go(topics, "sensor_combined", "vehicle_acceleration")
+    let_go(topics, "vehicle_acceleration")
     resets = estimator_resets(topics)
     attitude = attitude_track(topics, notes)
     let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
     position = position_track(topics, notes)
     let_go(topics, "vehicle_local_position")
     series = topic_series(topics, version, notes)
-    others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
     vehicle = _vehicle(parameters, topics, vehicle_types, release)
     return Flight(
         vehicle=vehicle,
@@ -93,7 +90,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         texts=tuple(StatusText(m.stamp * 1e-6, m.level, words(m.text)) for m in log.texts),
         messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
-        **aiding_tracks(others, notes) | selected,
+        **aiding_tracks(aiding_series(topics, series, notes), notes, apart=SELECTED_KINDS),
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
         control=control,
