@@ -31,10 +31,12 @@ from companion.model import (
     of_kind,
 )
 from companion.telemetry.air_and_ground import CONSTANT, airspeed_track, flow_track, is_constant, range_track
-from companion.telemetry.convert import SI, UNTURNED, Turns, continuous, increasing, turned_vectors
+from companion.telemetry.convert import UNTURNED, Turns, turned_vectors
 from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.outliers import HEIGHT, lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import pressure_altitude
+from companion.telemetry.samples import attitudes
+from companion.telemetry.sources import SI
 
 _Track = GpsTrack | CompassTrack | BarometerTrack | AirspeedTrack | RangeTrack | FlowTrack
 _Maker = Callable[[Series, list[str]], _Track | None]
@@ -102,9 +104,8 @@ def truth_track(
     velocity: NED, m/s; place: latitude and longitude in rad, height in m; each (N,), NaN where it is not told. They
     become NED about the zero of `track`, the autopilot's position, which `origin` places on Earth.
     """
-    norm = np.linalg.norm(q_ned_frd, axis=1)
-    keep = increasing(t, np.isfinite(t) & (np.abs(norm - 1.0) < 0.1))
-    if not len(t[keep]):
+    keep, when, q = attitudes(t, q_ned_frd)
+    if not len(when):
         return None
     position = np.full((len(t), 3), np.nan)
     if origin is not None:
@@ -119,7 +120,7 @@ def truth_track(
         position[unknown, 2] = np.nan
         if origin.t is not None and track is not None:
             position = position + [np.interp(origin.t, track.t, axis) for axis in track.position.T]
-    return TruthTrack(t[keep], continuous(q_ned_frd[keep]), velocity[keep], position[keep], source)
+    return TruthTrack(when, q, velocity[keep], position[keep], source)
 
 
 def _compass_track(one: Series, notes: list[str], *, turns: Turns) -> CompassTrack | None:

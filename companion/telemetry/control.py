@@ -8,7 +8,8 @@ import numpy as np
 
 from companion.mavlink import Messages
 from companion.model import ActuatorTrack, Array, AttitudeTrack, ControlTrack, from_euler
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.outliers import BoolArray
+from companion.telemetry.samples import attitudes, increasing
 
 CONTROL_MESSAGES = ("ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW")
 
@@ -37,9 +38,13 @@ def control_track(
         told = (t >= attitude.t[0]) & (t <= attitude.t[-1])
     else:
         return None
-    told &= np.isfinite(t) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
-    keep = increasing(t, told)
-    return ControlTrack(t[keep], continuous(q[keep]), target.name) if len(t[keep]) else None
+    return control_of(target.name, t, q, told)
+
+
+def control_of(source: str, t: Array, q: Array, good: BoolArray | bool = True) -> ControlTrack | None:
+    """Quaternions (N, 4) at times t (N,) s; None without any that is an attitude."""
+    _, t, q = attitudes(t, q, good)
+    return ControlTrack(t, q, source) if len(t) else None
 
 
 def actuator_track(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from companion.telemetry.clock import Clock, boot_seconds, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
 from companion.telemetry.lazy import LazyTuple
-from companion.telemetry.parameters import declination, known_ranges, of_instance, setting_names, with_facts
+from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
 from companion.telemetry.validity import valid_position
@@ -77,7 +78,7 @@ def flights(
 def _parameters_of_ground_stations(speaking: Mapping[tuple[int, int], Sender]) -> dict[int, dict[str, float]]:
     """System id → the parameters that MAVProxy sends in the vehicle's name when it has downloaded them as a file."""
     return {
-        sysid: convert.parameters(sent, convert.parameter_values(sent, [], bytewise=False))
+        sysid: values_of(sent["param_id"].tolist(), convert.parameter_values(sent, [], bytewise=False))
         for (sysid, compid), sender in speaking.items()
         if compid == _GROUND_STATION and (sent := sender.get("PARAM_VALUE")) is not None
     }
@@ -116,24 +117,20 @@ def _boots_of(
         for one in begun:
             if name not in one.boot.messages:
                 continue
-            track, told = convert.imu_track(
-                one.boot.messages.pop(name),
-                one.seconds.pop(name),
-                dequantise=dequantise,
-                ranges=known_ranges(vehicle, one.flight.parameters, IMU_MESSAGES[name].instance),
-            )
-            one.notes.extend(told)
+            sent, t, known = one.boot.messages.pop(name), one.seconds.pop(name), one.flight.parameters
+            track = convert.imu(sent, t, vehicle, known, one.turns, one.notes, dequantise=dequantise)
             if track is not None:
-                track = with_facts(track, vehicle, one.flight.parameters)
-                one.imus[name] = convert.turned_in_time(track, one.turns)
+                one.imus[name] = track
     return [_with_tracks(one, dequantise) for one in begun]
 
 
 def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     boot, seconds, flight, imus = begun.boot, begun.seconds, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
-    attitude, told = _attitude(boot, seconds)
-    position, odd = _position(boot, seconds)
+    attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
+    attitude, told = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
+    positions = _made(begun, convert.position, "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+    position, odd = max(positions, key=lambda one: _weight(one[0]), default=(None, []))
     notes += [*told, *odd]
     position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
@@ -220,8 +217,9 @@ def _parameters(
         return dict(known), dict(known), ()
     sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
-    last, first = convert.parameters(sent, values), convert.parameters(sent, values, first=True)
-    changes = partial(parameter_changes, sent["param_id"].tolist(), t, values)
+    names = sent["param_id"].tolist()
+    last, first = values_of(names, values), values_of(names, values, first=True)
+    changes = partial(parameter_changes, names, t, values)
     return {**known, **last}, {**known, **first}, LazyTuple(changes)
 
 
@@ -258,23 +256,23 @@ def _is_ardupilot(vehicle: Vehicle) -> bool:
     return vehicle.autopilot == "ARDUPILOTMEGA"
 
 
-def _attitude(boot: Boot, seconds: dict[str, Array]) -> tuple[AttitudeTrack | None, list[str]]:
-    """The better sampled of ATTITUDE_QUATERNION and ATTITUDE; and notes."""
-    names = ("ATTITUDE_QUATERNION", "ATTITUDE")
-    tracks = [convert.attitude_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track[0]) > 1]
-    return max(usable, key=lambda track: len(track[0])) if usable else (None, [])
+def _weight(position: PositionTrack) -> float:
+    """LOCAL_POSITION_NED is preferred, unless GLOBAL_POSITION_INT covers more than twice its time."""
+    return float(np.ptp(position.t)) * (2.0 if position.source == "LOCAL_POSITION_NED" else 1.0)
 
 
-def _position(boot: Boot, seconds: dict[str, Array]) -> tuple[PositionTrack | None, list[str]]:
-    """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time; and notes."""
-    names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-    tracks = [convert.position_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track[0]) > 1]
-    if not usable:
-        return None, []
-    local, other = usable[0], usable[-1]
-    return other if np.ptp(other[0].t) > 2 * np.ptp(local[0].t) else local
+Track = TypeVar("Track", AttitudeTrack, PositionTrack)
+_Maker = Callable[[Messages, Array, list[str]], Track | None]
+
+
+def _made(begun: _Begun, make: _Maker[Track], *names: str) -> list[tuple[Track, list[str]]]:
+    """The tracks of these messages, each with its notes."""
+    made: list[tuple[Track, list[str]]] = []
+    for name in (name for name in names if name in begun.boot.messages):
+        notes: list[str] = []
+        track = make(begun.boot.messages.pop(name), begun.seconds[name], notes)
+        made += [] if track is None else [(track, notes)]
+    return made
 
 
 def _origin(boot: Boot) -> Origin | None:

@@ -10,6 +10,7 @@ Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -108,6 +109,13 @@ def possible(names: Sequence[bytes | str], values: Array, notes: list[str]) -> A
         more = f" and {len(odd) - _MOST_NOTED} more" if len(odd) > _MOST_NOTED else ""
         notes.append(f"parameters out of range are treated as unknown: {', '.join(odd[:_MOST_NOTED])}{more}")
     return kept
+
+
+def values_of(names: Sequence[bytes | str], values: Array, *, first: bool = False) -> dict[str, float]:
+    """The last value of every parameter that has one, or the first; names and values: (N,) in order of time."""
+    decoded = {name: words(name) for name in set(names)}  # sent many times
+    said = [(decoded[n], v) for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)]
+    return dict(reversed(said) if first else said)
 
 
 def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -> int:

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, Series
-from companion.telemetry.convert import SI, increasing
 from companion.telemetry.lazy import Lazy
-from companion.telemetry.sources import COLUMNS, Source
+from companion.telemetry.samples import increasing
+from companion.telemetry.sources import COLUMNS, SI, Source
 
 Raw = npt.NDArray[Any]
 

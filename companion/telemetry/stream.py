@@ -28,7 +28,6 @@ from companion.telemetry import convert
 from companion.telemetry.clock import device_time, reboots, sender_clock
 from companion.telemetry.convert import ned_between
 from companion.telemetry.flights import NEEDED, flights
-from companion.telemetry.parameters import known_ranges, with_facts
 from companion.telemetry.split import Crowd, senders
 
 _AHEAD_S = 5.0  # of what is known: a time that is further on than that is none of this flight's, or after a gap
@@ -58,7 +57,7 @@ def newest_tracks(
     None where they cannot simply go on from it: after a reboot or a gap, where their times are not those of the
     flight, or where one of them says nothing. Then the whole flight is to be looked at.
     """
-    turn = convert.trim(flight.parameters) if flight.vehicle.autopilot == "ARDUPILOTMEGA" else None
+    turns = convert.turns(flight.parameters)[0] if flight.vehicle.autopilot == "ARDUPILOTMEGA" else convert.UNTURNED
     attitude = position = None
     track: ImuTrack | None = None
     for name in sources(flight, imu):
@@ -67,16 +66,11 @@ def newest_tracks(
         if sent is None or t is None or len(t) < 2:
             return None
         if name == imu:
-            ranges = known_ranges(flight.vehicle, flight.parameters, flight.imus[imu].instance)
-            track, _ = convert.imu_track(sent, t, dequantise=dequantise, ranges=ranges)
-            if track is None:
-                return None
-            track = with_facts(track, flight.vehicle, flight.parameters)
-            track = track if turn is None else convert.turned(track, turn[0])
+            track = convert.imu(sent, t, flight.vehicle, flight.parameters, turns, [], dequantise=dequantise)
         elif name.startswith("ATTITUDE"):
-            attitude, _ = convert.attitude_track(sent, t)
+            attitude = convert.attitude(sent, t, [])
         elif name == "LOCAL_POSITION_NED":
-            position, _ = convert.position_track(sent, t)
+            position = convert.position(sent, t, [])
         else:
             return None  # a position on the globe is seen from where the flight began
     if track is None or attitude is None or flight.attitude is None:

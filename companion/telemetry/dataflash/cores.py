@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, BiasTrack, DataError, SensorInUse
-from companion.telemetry import convert
+from companion.telemetry.samples import commonest, in_use, increasing
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
 """What the names of an EKF's records begin with → its number in AHRS_EKF_TYPE, and the parameter with its IMUs."""
@@ -60,8 +60,7 @@ def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Fle
     status = records.get(f"{prefix}F4")
     if status is None or not status.layout.has_numbers("PI"):
         return Flew(prefix, 0, (0,))
-    cores, counts = np.unique(status["PI"], return_counts=True)
-    return Flew(prefix, int(cores[np.argmax(counts)]), tuple(cores.tolist()))
+    return Flew(prefix, commonest(status["PI"]), tuple(np.unique(status["PI"]).tolist()))
 
 
 def reference_core(records: Mapping[str, Records], mine: Flew, wanted: int | None) -> tuple[int, list[str]]:
@@ -103,12 +102,8 @@ def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], 
     t, primary = records[name].t, records[name]["PI"].astype(np.int64)
     imus = {core: imu_of_core(core, mine.prefix, parameters) for core in mine.cores if core >= 0}
     known = {core: imu for core, imu in imus.items() if imu is not None}
-    keep = convert.increasing(t, np.isfinite(t) & np.isin(primary, list(known)))
-    instance = np.array([known[core] for core in primary[keep].tolist()], np.int64)
-    if not len(instance):
-        return None
-    change = np.concatenate([[True], np.diff(instance) != 0])
-    return SensorInUse(t[keep][change], instance[change], f"{name}.PI")
+    instance = np.array([known.get(core, -1) for core in primary.tolist()], np.int64)
+    return in_use(f"{name}.PI", t, instance, instance >= 0)
 
 
 _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
@@ -118,18 +113,14 @@ _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
 def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
     """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
     one = of_cores(records, f"{mine.prefix}FS").get(mine.core)
-    in_use: dict[str, SensorInUse] = {}
     if one is None:
-        return in_use
-    for kind, column in _SELECTION.items():
-        if not one.layout.has_numbers(column):
-            continue
-        keep = convert.increasing(one.t, np.isfinite(one.t))
-        t, number = one.t[keep], one[column].astype(np.int64)[keep]
-        change = np.flatnonzero(np.diff(number, prepend=-1))
-        if len(t):
-            in_use[kind] = SensorInUse(t[change], number[change], f"{one.name}.{column}")
-    return in_use
+        return {}
+    used = {
+        kind: in_use(f"{one.name}.{column}", one.t, one[column].astype(np.int64))
+        for kind, column in _SELECTION.items()
+        if one.layout.has_numbers(column)
+    }
+    return {kind: sensor for kind, sensor in used.items() if sensor is not None}
 
 
 def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:
@@ -158,7 +149,7 @@ def _bias_track(
                 accel[:, i] = np.interp(t, other.t, other[f"A{axis}"])
         if other.layout.has_numbers("AZbias"):
             accel[:, 2] = np.interp(t, other.t, other["AZbias"] * 0.01)
-    keep = convert.increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
+    keep = increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
     gyro_sigma, accel_sigma = _sigmas(records, estimate.name, core, t)
     source = f"{estimate.name}[{core}]"
     return BiasTrack(t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, imu)

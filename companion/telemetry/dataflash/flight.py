@@ -23,7 +23,7 @@ from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sen
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.firmware import banner, vehicle_type
-from companion.telemetry.parameters import declination, identity, possible, setting_names
+from companion.telemetry.parameters import declination, identity, possible, setting_names, values_of
 from companion.telemetry.sanitize import words
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
@@ -141,17 +141,11 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
     turns, told = convert.turns(_parameters(records, first=True), flight.parameter_changes)
     if sampled is None or sampled[2] != "ATT":
         turns, told = convert.UNTURNED, []
-    imus = {name: convert.turned_in_time(track, turns) for name, track in imus.items()}
-    biases = tuple(
-        replace(
-            one,
-            gyro=convert.turned_vectors(one.t, one.gyro, turns),
-            accel=convert.turned_vectors(one.t, one.accel, turns),
-        )
-        for one in biases
-    )
+    imus = {name: convert.turned(track, turns) for name, track in imus.items()}
+    biases = tuple(convert.turned(one, turns) for one in biases)
     own = next((bias for bias in biases if bias.core == core), None)
-    position, astray = pose.position(records, flew, core, flight.parameters)
+    astray: list[str] = []
+    position = pose.position(records, flew, core, flight.parameters, astray)
     attitude = None if sampled is None else pose.with_rates(sampled, imus, own, astray)
     return replace(
         flight,
@@ -173,12 +167,9 @@ def _is_whole(name: str, layout: RecordLayout) -> bool:
 
 def _parameters(records: Mapping[str, Records], *, first: bool = False) -> dict[str, float]:
     """The last value of each, or the first."""
-    if "PARM" not in records:
+    if (one := records.get("PARM")) is None:
         return {}
-    rows = records["PARM"].select(slice(None, None, -1 if first else 1))
-    names = (words(raw) for raw in rows["Name"].tolist())
-    values = rows["Value"].astype(np.float64).tolist()
-    return dict(zip(names, values, strict=True))
+    return values_of(one["Name"].tolist(), one["Value"].astype(np.float64), first=first)
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:

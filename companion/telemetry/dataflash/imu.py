@@ -16,11 +16,10 @@ import numpy.typing as npt
 
 from companion.logs import Records
 from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
-from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
-from companion.telemetry.outliers import readable
 from companion.telemetry.parameters import known_ranges, with_facts
 from companion.telemetry.quantities import RawSeries
+from companion.telemetry.samples import increasing, read_by_a_part
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -84,10 +83,8 @@ def _track(
     parameters: Mapping[str, float],
     notes: list[str],
 ) -> ImuTrack:
-    good = np.isfinite(t) & readable(gyro, accel, known_ranges(vehicle, parameters, number))
-    keep = convert.increasing(t, np.asarray(good))
-    if dropped := int((~good).sum()):
-        notes.append(f"{key}: {counted(dropped, 'sample')} left out as no reading of an IMU")
+    ranges = known_ranges(vehicle, parameters, number)
+    keep = increasing(t, read_by_a_part(key, np.isfinite(t), gyro, accel, ranges, notes))
     track = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=number)
     return with_facts(track, vehicle, parameters)
 
@@ -126,7 +123,7 @@ def _in_time(one: Records, kind: str) -> tuple[Array, Array]:
     """
     t, values = _sample_times(one), _vector(one, kind)
     good = np.isfinite(values).all(axis=1) & _near(one)
-    keep = convert.increasing(t, np.asarray(good))
+    keep = increasing(t, np.asarray(good))
     t, values = t[keep], values[keep]
     if len(t) > _SPAN and np.mean(np.diff(t) < 0.25 * _mean_step(t)) > 0.1:
         step = np.diff(t)

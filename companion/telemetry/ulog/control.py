@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import ActuatorTrack, Array, ControlTrack, from_euler
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.control import control_of
+from companion.telemetry.samples import increasing
 from companion.telemetry.ulog.topics import Topic, Topics, columns, finite, flag, instances, sampled, seconds
 
 _MOST_OUTPUTS = 16
@@ -24,9 +25,7 @@ def control_track(topics: Topics) -> ControlTrack | None:
     told = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & flag(topic, "q_d_valid")
     by_angles = np.logical_and(~told, finite(angles))
     q[by_angles] = from_euler(*angles[by_angles].T)
-    keep = increasing(t, np.logical_or(told, by_angles))
-    t, q = t[keep], q[keep]
-    return ControlTrack(t, continuous(q), "vehicle_attitude_setpoint") if len(t) else None
+    return control_of("vehicle_attitude_setpoint", t, q, np.logical_or(told, by_angles))
 
 
 def actuator_track(topics: Topics) -> ActuatorTrack | None:

@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, counted, interpolated
-from companion.telemetry.convert import increasing
-from companion.telemetry.outliers import readable
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, interpolated
+from companion.telemetry.samples import increasing, read_by_a_part
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import Topic, Topics, column, columns, device_ids, finite, instances, sampled
 
@@ -112,10 +111,8 @@ def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | N
     """Both at the gyro's times: the accelerometer's on the line between its own."""
     ranges = gyro.most or gyro_range(gyro.device_id), accel.most or accel_range(accel.device_id)
     force = interpolated(gyro.t, accel.t, accel.values)
-    sensed = readable(gyro.values, force, ranges)
-    if odd := int((~sensed).sum()):
-        notes.append(f"{gyro.name}: {counted(odd, 'sample')} left out as no reading of an IMU")
-    within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1]) & sensed
+    within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1])
+    within = read_by_a_part(gyro.name, within, gyro.values, force, ranges, notes)
     if within.sum() < 2:
         return None
     t, force = gyro.t[within], force[within]

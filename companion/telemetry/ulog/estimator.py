@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
-from companion.telemetry.convert import increasing
+from companion.telemetry.samples import commonest, in_use, increasing
 from companion.telemetry.ulog.topics import (
     Topic,
     Topics,
@@ -49,12 +49,9 @@ def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | No
         if name not in topics:
             continue
         t, devices = seconds(topics[name]), device_ids(topics[name], "gyro_device_id")
-        keep = increasing(t, np.isin(devices, list(by_device)))
-        t, devices = t[keep], devices[keep]
-        changed = np.flatnonzero(np.diff(devices, prepend=0))
-        if len(changed):
-            used = np.array([by_device[device] for device in devices[changed].tolist()], np.int64)
-            return SensorInUse(t[changed], used, name)
+        instance = np.array([by_device.get(device, -1) for device in devices.tolist()], np.int64)
+        if (used := in_use(name, t, instance, instance >= 0)) is not None:
+            return used
     return None
 
 
@@ -83,8 +80,7 @@ def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) 
 def primary_core(topics: Topics) -> int:
     """The EKF2 instance that flew longest; 0 where there is one."""
     flown = column(topics["estimator_selector_status"], "primary_instance") if _SELECTOR in topics else np.empty(0)
-    numbers, counts = np.unique(flown[np.isfinite(flown)], return_counts=True)
-    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
+    return commonest(flown[np.isfinite(flown)])
 
 
 def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, int]) -> list[BiasTrack]:

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuTrack, SensorInUse, counted, interpolated
-from companion.telemetry.convert import increasing
-from companion.telemetry.outliers import Ranges, readable
+from companion.model import Array, ImuTrack, SensorInUse, interpolated
+from companion.telemetry.outliers import Ranges
+from companion.telemetry.samples import commonest, increasing, read_by_a_part
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import accel_range, driver_tracks, gyro_range
 from companion.telemetry.ulog.topics import (
@@ -67,7 +67,7 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
         gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
         accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
         t = sampled(topic) - gyro_dt / 2
-        device, other = (_most(device_ids(topic, f"{of}_device_id")) for of in ("gyro", "accel"))
+        device, other = (_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
         ranges = gyro_range(device), accel_range(other)
         yield replace(
             _track(name, t, gyro, accel, gyro_dt, whole, notes, ranges),
@@ -115,14 +115,11 @@ def _track(
 ) -> ImuTrack:
     """whole: rows that say for which interval they are. Rows of zeros are no readings."""
     good = whole & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1))
-    sensed = readable(gyro, accel, ranges)
-    if 0 < (odd := int((good & ~sensed).sum())) < good.sum():
-        notes.append(f"{source}: {counted(odd, 'sample')} left out as no reading of an IMU")
-    keep = increasing(t, good & sensed)
+    keep = increasing(t, read_by_a_part(source, good, gyro, accel, ranges, notes))
     return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
 
 
-def _most(devices: npt.NDArray[np.int64]) -> int:
+def _device(topic: Topic, field: str) -> int:
     """The device that most rows are of; 0 where none is told."""
-    numbers, counts = np.unique(devices[devices != 0], return_counts=True)
-    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
+    devices = device_ids(topic, field)
+    return commonest(devices[devices != 0])

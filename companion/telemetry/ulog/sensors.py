@@ -13,9 +13,8 @@ from functools import partial
 import numpy as np
 
 from companion.model import Array, Series
-from companion.telemetry.convert import SI
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
-from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES, Source, covariances
+from companion.telemetry.sources import DRIVER_SOURCES, SI, TOPIC_SOURCES, Source, covariances
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.estimator import Version, attitude_elements
 from companion.telemetry.ulog.topics import Topic, Topics, column, device_ids, flag, instances, sampled, seconds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Array, Origin, TruthTrack, geodetic_from_ned, ned_from_geodetic
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.samples import attitudes, increasing
 from companion.telemetry.ulog.topics import Topic, Topics, column, columns, finite, sampled, seconds
 
 _GAP_S = 0.2  # across a longer one the truth is not interpolated
@@ -21,15 +21,12 @@ def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:
         return None
     topic = topics["vehicle_attitude_groundtruth"]
     t, q = sampled(topic), columns(topic, *(f"q[{i}]" for i in range(4)))
-    keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
-    t, q = t[keep], q[keep]
-    velocity, position = np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
-    place = topics.get("vehicle_local_position_groundtruth")
-    if place is not None and len(t):
-        velocity, position = _moved(t, place, origin)
+    _, t, q = attitudes(t, q)
     if not len(t):
         return None
-    return TruthTrack(t, continuous(q), velocity, position, "vehicle_attitude_groundtruth", _faults(topics))
+    place = topics.get("vehicle_local_position_groundtruth")
+    velocity, position = (np.full((len(t), 3), np.nan),) * 2 if place is None else _moved(t, place, origin)
+    return TruthTrack(t, q, velocity, position, "vehicle_attitude_groundtruth", _faults(topics))
 
 
 def _faults(topics: Topics) -> tuple[float, ...]:
