@@ -71,6 +71,10 @@ class Records:
         with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
             return self[field].astype(np.float64) * self.layout.multipliers.get(field, 1.0)
 
+    def columns(self, *fields: str) -> npt.NDArray[np.float64]:
+        """Columns side by side, (N, len(fields)). Raises KeyError as `[field]`."""
+        return np.column_stack([self[field] for field in fields]).astype(np.float64)
+
     @property
     def t(self) -> npt.NDArray[np.float64]:
         """When each was written: (N,) s since boot. Raises KeyError for records without a time."""

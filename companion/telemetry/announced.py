@@ -135,13 +135,13 @@ def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[R
     moved_w, moved_axis = q[after, :1], q[after, 1:]
     turn = w * moved_axis - moved_w * axis - np.cross(axis, moved_axis)  # vector part of q0* ⊗ q1
     real = w * moved_w + (axis * moved_axis).sum(axis=1, keepdims=True)
-    rates = _vectors(odometry, ("rollspeed", "pitchspeed", "yawspeed"))
+    rates = odometry.columns("rollspeed", "pitchspeed", "yawspeed")
     error = 2.0 * turn * np.where(real < 0, -1.0, 1.0) - rates[before] * dt
     swing = 2.0 * np.cross(axis, error)
     error = error + w * swing + np.cross(axis, swing)  # into NED
-    velocity = _vectors(odometry, ("vx", "vy", "vz"))
+    velocity = odometry.columns("vx", "vy", "vz")
     mean = 0.5 * (velocity[before] + velocity[after])
-    step = _vectors(odometry, ("x", "y", "z"))
+    step = odometry.columns("x", "y", "z")
     step = step[after] - step[before] - mean * dt
     return {
         "attitude": np.hypot(error[:, 0], error[:, 1]),
@@ -150,7 +150,3 @@ def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[R
         "position": np.hypot(step[:, 0], step[:, 1]),
         "height": np.abs(step[:, 2]),
     }
-
-
-def _vectors(messages: Messages, names: tuple[str, str, str]) -> Array:
-    return np.column_stack([messages[name] for name in names]).astype(np.float64)

@@ -54,7 +54,7 @@ def actuator_track(
     if "SERVO_OUTPUT_RAW" not in messages:
         return None
     outputs, t = messages["SERVO_OUTPUT_RAW"], seconds["SERVO_OUTPUT_RAW"]
-    pulses = np.column_stack([outputs[f"servo{i}_raw"] for i in range(1, _SERVOS + 1)]).astype(np.float64)
+    pulses = outputs.columns(*(f"servo{i}_raw" for i in range(1, _SERVOS + 1)))
     banks = []
     for port in _PORTS:
         keep = increasing(t, np.isfinite(t) & (outputs["port"] == port))

@@ -161,11 +161,11 @@ def turned_vectors(t: Array, vectors: Array, turns: Turns) -> Array:
 def attitude(messages: Messages, t: Array, notes: list[str]) -> AttitudeTrack | None:
     """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions, with bias-corrected body rates."""
     if "roll" in (messages.rows.dtype.names or ()):
-        q = from_euler(*_columns(messages, "roll", "pitch", "yaw").T)
+        q = from_euler(*messages.columns("roll", "pitch", "yaw").T)
     else:
-        q = _columns(messages, "q1", "q2", "q3", "q4")
+        q = messages.columns("q1", "q2", "q3", "q4")
     keep, t, q = attitudes(t, q)
-    rates = np.nan_to_num(_columns(messages, "rollspeed", "pitchspeed", "yawspeed")[keep])
+    rates = np.nan_to_num(messages.columns("rollspeed", "pitchspeed", "yawspeed")[keep])
     return attitude_track(messages.name, t, q, rates, notes)
 
 
@@ -173,7 +173,7 @@ def position(messages: Messages, t: Array, notes: list[str]) -> PositionTrack | 
     """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid."""
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     if messages.name == "LOCAL_POSITION_NED":
-        return position_track(messages.name, t, _columns(messages, "x", "y", "z"), velocity, True, notes)
+        return position_track(messages.name, t, messages.columns("x", "y", "z"), velocity, True, notes)
     good = (messages["lat"] != 0) | (messages["lon"] != 0)  # 0, 0 is "no fix" on every autopilot
     lat, lon, height = np.radians(messages["lat"] * 1e-7), np.radians(messages["lon"] * 1e-7), messages["alt"] * 1e-3
     first = int(np.argmax(good))
@@ -223,19 +223,11 @@ def parameter_values(messages: Messages, notes: list[str], *, bytewise: bool) ->
     return np.where(out_of_range(values, messages["param_type"]), np.nan, told)
 
 
-def _columns(messages: Messages, *names: str) -> Array:
-    """Fields side by side, (N, k)."""
-    side_by_side = np.empty((len(messages), len(names)))
-    for i, name in enumerate(names):
-        side_by_side[:, i] = messages[name]
-    return side_by_side
-
-
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:
     """Three fields as SI (N, 3), and the quantisation step in SI (0 for floats). `unit` where the dialect has none."""
     factor = SI[messages.layout.units.get(names[0]) or unit]
     whole = np.issubdtype(messages[names[0]].dtype, np.integer)
-    values = _columns(messages, *names)
+    values = messages.columns(*names)
     if whole and dequantise:
         values += 0.5 * np.sign(values)
     values *= factor

@@ -36,9 +36,9 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
         return None
     one = records["SIM"]
     if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
-        q = np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+        q = one.columns("Q1", "Q2", "Q3", "Q4")
     else:
-        q = from_euler(*(np.radians(one[name].astype(np.float64)) for name in ("Roll", "Pitch", "Yaw")))
+        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
     velocity = np.full((len(one), 3), np.nan)
     if "SIM2" in records:
         fine = records["SIM2"]
@@ -58,7 +58,7 @@ def control(
     one = records.get("ATT")
     if one is None or not one.layout.has_numbers(*_DESIRED):
         return None
-    angles = np.radians(np.column_stack([one[name] for name in _DESIRED]).astype(np.float64))
+    angles = np.radians(one.columns(*_DESIRED))
     if not angles.any():
         return None
     q = from_euler(*angles.T)

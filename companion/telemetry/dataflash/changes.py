@@ -62,7 +62,7 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
     for core, one in of_cores(records, f"{mine.prefix}F4").items():
         if not one.layout.has_numbers("OFN", "OFE") or len(one) < 2:
             continue
-        offset = np.column_stack([one["OFN"], one["OFE"]]).astype(np.float64)
+        offset = one.columns("OFN", "OFE")
         for i in (np.flatnonzero(np.diff(offset, axis=0).any(axis=1)) + 1).tolist():
             if np.isfinite(offset[i]).all():
                 size = float(np.linalg.norm(offset[i]))

@@ -141,7 +141,7 @@ def _bias_track(
     records: Mapping[str, Records], estimate: Records, other: Records | None, core: int, imu: int | None
 ) -> BiasTrack:
     t = estimate.t
-    gyro = np.radians(np.column_stack([estimate[f"G{axis}"] for axis in "XYZ"]).astype(np.float64))
+    gyro = np.radians(estimate.columns("GX", "GY", "GZ"))
     accel = np.full((len(t), 3), np.nan)
     if other is not None and len(other) and other.name != "EKF2":
         for i, axis in enumerate("XYZ"):

@@ -47,9 +47,9 @@ def attitude(
     """
     one = of_cores(records, f"{mine.prefix}Q").get(core)
     if one is not None and not by_dcm(parameters):
-        q = np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+        q = one.columns("Q1", "Q2", "Q3", "Q4")
     elif (one := records.get("ATT")) is not None:
-        q = from_euler(*(np.radians(one[n].astype(np.float64)) for n in ("Roll", "Pitch", "Yaw")))
+        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
     else:
         return None
     _, t, q = attitudes(one.t, q)
