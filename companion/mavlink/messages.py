@@ -105,7 +105,7 @@ class Growing:
         return self._count
 
     def add(self, frames: Frames, index: Index, times: npt.NDArray[np.float64], share: float = 0.0) -> None:
-        """Take those of an index; times: (N,) s of all frames. share: of all that will come, 0 where it is not known."""
+        """Take those of an index; times: (N,) s of all frames. share: of what will come, 0 where it is not known."""
         begin, end = self._count, self._count + len(index)
         if end > len(self._columns["offset"]):
             expected = end / share * _MARGIN if share > 0 else 0.0

@@ -25,7 +25,7 @@ from companion.model import (
     Vehicle,
 )
 from companion.telemetry import convert
-from companion.telemetry.aiding import TRUTH_MESSAGES, aiding_tracks, message_truth
+from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
 from companion.telemetry.arrival import arrivals
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
@@ -36,6 +36,7 @@ from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 from companion.telemetry.validity import valid_position
 
 _TIMED = SENSOR_MESSAGES | {

@@ -27,7 +27,7 @@ _NOTED = ("magnetometer", "gps", "airspeed", "range", "flow")  # the others say 
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 
-_SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
+SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
 
@@ -106,11 +106,11 @@ def _series(series: RawSeries) -> Series:
 def _without_unknown(gps: Mapping[str, Array]) -> None:
     for name, absent in _ABSENT.items():
         gps[name][np.isclose(gps[name], absent, atol=1e-6)] = np.nan
-    for name in _SIGMAS:
+    for name in SIGMAS:
         gps[name][~(gps[name] > 0.0)] = np.nan  # 0 is "not known": the extension fields of an older sender
     nowhere = (gps["fix_type"] < _FIX_2D) | ((gps["lat_rad"] == 0.0) & (gps["lon_rad"] == 0.0))
     nowhere |= ~(np.abs(gps["lat_rad"]) < _POLE)
-    for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *_SIGMAS):
+    for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *SIGMAS):
         gps[name][nowhere] = np.nan
     gps["height_m"][gps["fix_type"] < _FIX_3D] = np.nan
 

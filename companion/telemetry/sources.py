@@ -112,6 +112,10 @@ COLUMNS = {
 }
 """The columns of each kind, whatever the format. PX4's vibration metrics and flows as angles have their own names."""
 
+_FLOWN = f"x_rad y_rad {_each('gyro_{}_rad', 'xyz')}"
+ANGLES_OF_FLOW = _FLOWN.split()
+"""Columns of a flow that comes as angles over an interval."""
+
 _CLIPS = _of("clips_0 clips_1 clips_2", _each("clipping_{}"))
 VIBRATION_PX4 = (
     _of("coning_rad2", "vibration_x") | _of("gyro_radps", "vibration_y", "rad/s")
@@ -156,8 +160,8 @@ MESSAGE_SOURCES = (
     Source("RANGEFINDER", "range", _of("range_m", "distance", "m")),
     Source("OPTICAL_FLOW", "flow", _of("x_radps y_radps", "flow_rate_x flow_rate_y", "rad/s")
            | _of("quality", "quality") | _of("range_m", "ground_distance", "m"), by=("sensor_id",)),
-    Source("OPTICAL_FLOW_RAD", "flow", _of("x_rad y_rad", "integrated_x integrated_y", "rad")
-           | _of(_each("gyro_{}_rad", "xyz"), _each("integrated_{}gyro", "xyz"), "rad")
+    Source("OPTICAL_FLOW_RAD", "flow",
+           _of(_FLOWN, f"integrated_x integrated_y {_each('integrated_{}gyro', 'xyz')}", "rad")
            | _of("interval_us quality", "integration_time_us quality") | _of("range_m", "distance", "m"),
            by=("sensor_id",)),
     Source("LOCAL_POSITION_NED_COV", "variance", _of(f"{_PLACE} {_SPEED}", _each(_MATRIX, (0, 9, 17, 24, 30, 35)))),
@@ -206,11 +210,10 @@ _AIR = _of("pressure_pa", "baro_pressure_pa", "Pa") | _of("altitude_m", "baro_al
     _of("temperature_degc", "ambient_temperature", "degC"), _of("temperature_degc", "baro_temp_celcius", "degC")
 )  # fmt: skip
 _GAUSS = _of(_TESLA, _each("magnetometer_ga[{}]"), "gauss")
-_ANGULAR = f"x_rad y_rad {_each('gyro_{}_rad', 'xyz')}"
 _FLOW_TOPIC = _or(  # since PX4 1.13, and before
-    _of(_ANGULAR, f"{_each('pixel_flow[{}]', range(2))} {_each('delta_angle[{}]')}", "rad")
+    _of(_FLOWN, f"{_each('pixel_flow[{}]', range(2))} {_each('delta_angle[{}]')}", "rad")
     | _of("interval_us quality", "integration_timespan_us quality") | _of("range_m", "distance_m", "m"),
-    _of(_ANGULAR, f"{_each('pixel_flow_{}_integral', 'xy')} {_each('gyro_{}_rate_integral', 'xyz')}", "rad")
+    _of(_FLOWN, f"{_each('pixel_flow_{}_integral', 'xy')} {_each('gyro_{}_rate_integral', 'xyz')}", "rad")
     | _of("interval_us", "integration_timespan") | _of("range_m", "ground_distance_m", "m"),
 )  # fmt: skip
 

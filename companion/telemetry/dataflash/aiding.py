@@ -12,11 +12,11 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack, from_euler
-from companion.telemetry.aiding import truth_track
 from companion.telemetry.control import actuators_of, control_of, side_by_side
 from companion.telemetry.convert import trim
 from companion.telemetry.dataflash.pose import ekf_origin
 from companion.telemetry.samples import increasing
+from companion.telemetry.truth import truth_track
 
 OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
 """Records of the outputs → how many they have; each goes on where the one before ends."""
