@@ -108,20 +108,20 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
         return None
     primary = int(parameters.get(f"{ekf}_PRIMARY", 0.0))
     lanes = [(begin, primary), *((switch.t, switch.core or 0) for switch in switches)]
-    known = [
-        (at, imu) for at, lane in lanes if (imu := _imu_of_lane(lane, parameters.get(f"{ekf}_IMU_MASK"))) is not None
-    ]
+    mask = parameters.get(f"{ekf}_IMU_MASK", np.nan)
+    known = [(at, imu) for at, lane in lanes if (imu := imu_of_core(lane, mask)) is not None]
     if not known:
         return None
     source = "lane switches" if switches else f"{ekf}_PRIMARY"
     return SensorInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
 
 
-def _imu_of_lane(lane: int, mask: float | None) -> int | None:
-    if mask is None:
-        return lane
+def imu_of_core(core: int, mask: float = np.nan) -> int | None:
+    """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None for one that is not in it."""
+    if not 0 < mask < 256:
+        return core
     bits = [bit for bit in range(8) if int(mask) >> bit & 1]
-    return bits[lane] if lane < len(bits) else None
+    return bits[core] if core < len(bits) else None
 
 
 def _same_switch(one: EstimatorReset, other: EstimatorReset) -> bool:

@@ -35,10 +35,9 @@ from companion.telemetry.samples import (
     attitude_track,
     attitudes,
     commonest,
-    increasing,
+    imu_track,
     place,
     position_track,
-    read_by_a_part,
 )
 from companion.telemetry.sources import SI
 
@@ -65,23 +64,17 @@ def imu(
     if not gyro.any() and not accel.any():
         notes.append(f"{name} is zero throughout: the vehicle has no such IMU")
         return None
-    good, instance = np.isfinite(t), IMU_MESSAGES[name].instance
+    good, instance = np.ones(len(t), np.bool_), IMU_MESSAGES[name].instance
     if name == "HIGHRES_IMU":
         ids = messages["id"]
         instance = commonest(ids)
         if not (mine := ids == instance).all():
             good &= mine
             notes.append(f"{name} speaks of IMUs {np.unique(ids).tolist()}: only IMU {instance} is used")
-    if not gyro_step:  # 16 bits of mrad/s and mG hold nothing else
-        good = read_by_a_part(
-            name, good, gyro, accel, known_ranges(vehicle, parameters, IMU_MESSAGES[name].instance), notes
-        )
-    keep = increasing(t, good)
-    track = ImuTrack(
-        t[keep],
-        gyro[keep],
-        accel[keep],
-        source=name,
+    # 16 bits of mrad/s and mG hold nothing that a part cannot read
+    ranges = None if gyro_step else known_ranges(vehicle, parameters, IMU_MESSAGES[name].instance)
+    track = replace(
+        imu_track(name, t, gyro, accel, good, notes, ranges),
         gyro_step=gyro_step,
         accel_step=accel_step,
         instance=instance,

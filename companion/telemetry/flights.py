@@ -35,7 +35,7 @@ from companion.telemetry.events import heartbeat_events, in_order, landed_events
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
-from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
 from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 from companion.telemetry.validity import valid_position
 
@@ -54,21 +54,21 @@ NEEDED = _TIMED | {"AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "S
 
 def flights(
     messages: dict[str, Messages], dialect: Dialect, *, dequantise: bool = False
-) -> tuple[list[Flight], list[Bystander]]:
+) -> tuple[list[Flight], list[NonVehicle]]:
     """Every flight in the messages, vehicles in order of their ids, boots in time's; and who else speaks in them.
 
     The messages are taken over: the dictionary is empty afterwards, and what has become a track is let go at once, so
     that a large log is not held twice.
     """
     every_flight: list[Flight] = []
-    others: list[Bystander] = []
+    others: list[NonVehicle] = []
     speaking = senders(messages)
     messages.clear()
     found_by_others = _parameters_of_ground_stations(speaking)
     for ids in sorted(speaking):
         sender = speaking.pop(ids)
         vehicle, notes = describe(ids, sender, dialect)
-        if isinstance(vehicle, Bystander):
+        if isinstance(vehicle, NonVehicle):
             others.append(vehicle)
             continue
         parameters = found_by_others.get(vehicle.sysid, {}) if _is_ardupilot(vehicle) else {}

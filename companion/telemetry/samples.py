@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, Origin, PositionTrack, SensorInUse, counted, interpolated
+from companion.model import Array, AttitudeTrack, ImuTrack, Origin, PositionTrack, SensorInUse, counted, interpolated
 from companion.telemetry.outliers import BoolArray, Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
 
 Index = npt.NDArray[np.int64] | slice
@@ -79,14 +79,29 @@ def position_track(
     return PositionTrack(t, position, velocity, source) if len(t) > 1 else None
 
 
-def read_by_a_part(
-    source: str, good: BoolArray, gyro: Array, accel: Array, ranges: Ranges, notes: list[str]
-) -> BoolArray:
-    """Which of the good readings (N,) of an IMU a part of these ranges can give. What is left out is noted."""
-    sensed = good & readable(gyro, accel, ranges)
+def imu_track(
+    source: str,
+    t: Array,
+    gyro: Array,
+    accel: Array,
+    good: BoolArray,
+    notes: list[str],
+    ranges: Ranges | None = (None, None),
+    interval: Array | None = None,
+) -> ImuTrack:
+    """The good readings (N, 3) rad/s and m/s² at times t (N,) s that a part of these ranges can give.
+
+    What is left out is noted. ranges: None for readings of which the format holds no others. interval: (N,) s.
+    """
+    sensed = good & np.isfinite(t)
+    if ranges is not None:
+        sensed &= readable(gyro, accel, ranges)
     if odd := int(good.sum() - sensed.sum()):
         notes.append(f"{source}: {counted(odd, 'sample')} left out as no reading of an IMU")
-    return sensed
+    keep = increasing(t, sensed)
+    own = None if interval is None else interval[keep]
+    known = ranges or (None, None)
+    return ImuTrack(t[keep], gyro[keep], accel[keep], source, interval=own, gyro_range=known[0], accel_range=known[1])
 
 
 def in_use(source: str, t: Array, instance: npt.NDArray[np.int64], good: BoolArray | bool = True) -> SensorInUse | None:

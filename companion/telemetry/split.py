@@ -22,7 +22,7 @@ from companion.telemetry.clock import (
     stale_start,
     steps_back,
 )
-from companion.telemetry.firmware import UNKNOWN, banner
+from companion.telemetry.firmware import UNKNOWN, banner, release
 from companion.telemetry.outliers import BoolArray
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
@@ -40,8 +40,8 @@ _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB
 
 
 @dataclass(frozen=True, slots=True)
-class Bystander:
-    """Someone who speaks in the log and is no vehicle."""
+class NonVehicle:
+    """A component that sends in the log and is no vehicle."""
 
     sysid: int
     compid: int
@@ -79,7 +79,7 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     return by_sender
 
 
-def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Vehicle | Bystander, tuple[str, ...]]:
+def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Vehicle | NonVehicle, tuple[str, ...]]:
     """The vehicle that a sender is, or why it is none; and what was decided on the way, in words.
 
     A heartbeat alone makes no vehicle, and one that contradicts the others changes none: the majority counts.
@@ -98,17 +98,19 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Ve
                 f"({autopilot} {kind}): ignored"
             )
         if kind in _NOT_VEHICLES:
-            return Bystander(*ids, f"its heartbeats say {kind}"), ()
+            return NonVehicle(*ids, f"its heartbeats say {kind}"), ()
         if autopilot == "INVALID" and not states:
-            return Bystander(*ids, f"its heartbeats ({kind}) say that it is no autopilot"), ()
+            return NonVehicle(*ids, f"its heartbeats ({kind}) say that it is no autopilot"), ()
         if not _VEHICLE_MESSAGES & sender.keys():
-            return Bystander(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle"), ()
+            return NonVehicle(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle"), ()
     elif not states:
-        return Bystander(*ids, "no heartbeat, no attitude, no IMU, no position"), ()
+        return NonVehicle(*ids, "no heartbeat, no attitude, no IMU, no position"), ()
     firmware = _banner(sender)
     if kind == UNKNOWN and firmware is not None:
         autopilot, (kind, _) = "ARDUPILOTMEGA", firmware
-    version = _version(sender) or (firmware[1] if firmware else "")
+    versions = sender.get("AUTOPILOT_VERSION")
+    version = release(0 if versions is None else int(versions["flight_sw_version"][-1]))
+    version = version or (firmware[1] if firmware else "")
     return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=version), tuple(notes)
 
 
@@ -203,13 +205,6 @@ def _enum_name(dialect: Dialect, enum: str, value: int) -> str:
     return names.get(value, f"{enum}_{value}").removeprefix(f"{enum}_")
 
 
-def _version(sender: Sender) -> str:
-    """ "4.7.0" from AUTOPILOT_VERSION (major, minor, patch, type, one byte each), else ""."""
-    versions = sender.get("AUTOPILOT_VERSION")
-    code = 0 if versions is None else int(versions["flight_sw_version"][-1])
-    return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""
-
-
 def _banner(sender: Sender) -> tuple[str, str] | None:
     """Type and version by ArduPilot's banner, which is sent with the parameters."""
     if "STATUSTEXT" not in sender:
@@ -224,7 +219,7 @@ _ROUND = 2000  # frames between two counts
 _FADED = 0.5  # frames: half of a count is forgotten at each of the next
 
 
-class Crowd:
+class BusiestSenders:
     """Lets the frames of at most so many senders through; up to 64, and there is no crowd, all of them."""
 
     def __init__(self) -> None:

@@ -29,7 +29,7 @@ from companion.telemetry import convert
 from companion.telemetry.clock import device_time, reboots, sender_clock
 from companion.telemetry.convert import ned_between
 from companion.telemetry.flights import NEEDED, flights
-from companion.telemetry.split import Crowd, senders
+from companion.telemetry.split import BusiestSenders, senders
 
 _AHEAD_S = 5.0  # of what is known: a time that is further on than that is none of this flight's, or after a gap
 _SAME_S = 1e-6
@@ -127,7 +127,7 @@ class Stream:
         self.window_s = window_s
         self._dequantise = dequantise
         self._decoder = Decoder(self.dialect, stamped=stamped)
-        self._crowd = Crowd() if window_s is not None else None
+        self._busiest = BusiestSenders() if window_s is not None else None
         self._columns: dict[str, Growing] = {}
         self._begin = self._newest = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
@@ -144,8 +144,8 @@ class Stream:
 
     def add(self, frames: Frames, received: float | None = None) -> None:
         """Take frames that were decoded elsewhere (`Session.listen`); received: s UNIX, where they have no stamp."""
-        if self._crowd is not None:
-            frames = self._crowd.admit(frames)
+        if self._busiest is not None:
+            frames = self._busiest.admit(frames)
         if received is not None:
             frames = replace(frames, stamp=np.full(len(frames), round(received * 1e6), np.uint64))
         times = log_time(frames.stamp)

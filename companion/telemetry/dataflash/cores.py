@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, BiasTrack, DataError, SensorInUse
+from companion.telemetry import announced
 from companion.telemetry.samples import commonest, in_use, increasing
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
@@ -81,17 +82,9 @@ def reference_core(records: Mapping[str, Records], mine: Flew, wanted: int | Non
 
 
 def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
-    """The IMU of a core: the n-th bit of EK3_IMU_MASK, which by default has all.
-
-    None for a core that the mask has not, and for the first EKF, which mixes two IMUs.
-    """
-    if prefix == "EK":
-        return None
-    mask = parameters.get(_EKFS[prefix][1], np.nan)
-    if not 0 < mask < 256:
-        return core
-    bits = [bit for bit in range(8) if int(mask) >> bit & 1]
-    return bits[core] if core < len(bits) else None
+    """The IMU of a core; None for one that the mask has not, and for the first EKF, which mixes two IMUs."""
+    mask = _EKFS[prefix][1]
+    return announced.imu_of_core(core, parameters.get(mask, np.nan)) if mask else None
 
 
 def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:

@@ -19,7 +19,7 @@ from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
 from companion.telemetry.dataflash.rows import sources
 from companion.telemetry.parameters import known_ranges, with_facts
 from companion.telemetry.quantities import RawSeries
-from companion.telemetry.samples import increasing, read_by_a_part
+from companion.telemetry.samples import imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -84,8 +84,7 @@ def _track(
     notes: list[str],
 ) -> ImuTrack:
     ranges = known_ranges(vehicle, parameters, number)
-    keep = increasing(t, read_by_a_part(key, np.isfinite(t), gyro, accel, ranges, notes))
-    track = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=number)
+    track = replace(imu_track(key, t, gyro, accel, np.ones(len(t), np.bool_), notes, ranges), instance=number)
     return with_facts(track, vehicle, parameters)
 
 

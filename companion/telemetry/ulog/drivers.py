@@ -4,8 +4,7 @@ They are the readings of the board's axes; calibration (CAL_GYROn_*, CAL_ACCn_*)
 sensor's own where it is external) are applied here, as PX4 does for vehicle_imu. Thermal compensation (TC_*) is not.
 Only a track with more samples than vehicle_imu or sensor_combined have of the same IMU tells more than they do: logs at
 default rates have one of these samples a second. Sources: PX4 `msg/SensorGyroFifo.msg`,
-`lib/drivers/gyroscope/PX4Gyroscope.cpp`, `lib/sensor_calibration/`, `lib/conversion/rotation.h`; for the range that a
-driver sets, by the type in the device id, v1.16 `drivers/drv_sensor.h` and `drivers/imu/`: none where it has several.
+`lib/drivers/gyroscope/PX4Gyroscope.cpp`, `lib/sensor_calibration/`, `lib/conversion/rotation.h`.
 """
 
 from __future__ import annotations
@@ -15,45 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, interpolated
-from companion.telemetry.samples import increasing, read_by_a_part
+from companion.model import Array, ImuTrack, interpolated
+from companion.telemetry.parts import part_ranges
+from companion.telemetry.samples import imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import Topic, Topics, column, columns, device_ids, finite, instances, sampled
-
-_PARTS: dict[int, tuple[str, float | None, float | None]] = {
-    0x21: ("MPU6000", 2000.0, 16.0),
-    0x24: ("MPU9250", 2000.0, 16.0),
-    0x25: ("ICM20649", 4000.0, 30.0),
-    0x26: ("ICM42688P", 2000.0, 16.0),
-    0x28: ("ICM20948", 2000.0, 16.0),
-    0x29: ("ICM42605", 2000.0, 16.0),
-    0x36: ("MPU6500", 2000.0, 16.0),
-    0x38: ("ICM20602", 2000.0, 16.0),
-    0x3A: ("ICM20608G", 2000.0, 16.0),
-    0x3C: ("ICM20689", 2000.0, 16.0),
-    0x41: ("BMI055", None, 16.0),
-    0x42: ("BMI055", 2000.0, None),
-    0x66: ("BMI088", 2000.0, None),
-    0x6A: ("BMI088", None, 24.0),
-}
-"""Type → part, range of the gyro in °/s and of the accelerometer in g."""
-
-
-def _type(device_id: int) -> int:
-    return device_id >> 16 & 0xFF  # uORB device::DeviceId: bus type and number, address, type
-
-
-def gyro_range(device_id: int) -> float | None:
-    """rad/s; None where it is not known."""
-    _, degrees, _ = _PARTS.get(_type(device_id), ("", None, None))
-    return None if degrees is None else float(np.radians(degrees))
-
-
-def accel_range(device_id: int) -> float | None:
-    """m/s²; None where it is not known."""
-    _, _, g = _PARTS.get(_type(device_id), ("", None, None))
-    return None if g is None else g * STANDARD_GRAVITY
-
 
 _FIFO_MOST = 32  # samples in a message
 _FULL_SCALE = 32768.0  # of the FIFO's 16 bits
@@ -109,23 +74,12 @@ def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance:
 
 def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | None:
     """Both at the gyro's times: the accelerometer's on the line between its own."""
-    ranges = gyro.most or gyro_range(gyro.device_id), accel.most or accel_range(accel.device_id)
-    force = interpolated(gyro.t, accel.t, accel.values)
+    usual = part_ranges("PX4", gyro.device_id, accel.device_id)
     within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1])
-    within = read_by_a_part(gyro.name, within, gyro.values, force, ranges, notes)
-    if within.sum() < 2:
-        return None
-    t, force = gyro.t[within], force[within]
-    return ImuTrack(
-        t,
-        gyro.values[within],
-        force,
-        source=gyro.name,
-        device_id=gyro.device_id or None,
-        interval=None if gyro.interval is None else gyro.interval[within],
-        gyro_range=ranges[0],
-        accel_range=ranges[1],
-    )
+    force = interpolated(gyro.t, accel.t, accel.values)
+    ranges = gyro.most or usual[0], accel.most or usual[1]
+    track = imu_track(gyro.name, gyro.t, gyro.values, force, within, notes, ranges, gyro.interval)
+    return replace(track, device_id=gyro.device_id or None) if len(track) > 1 else None
 
 
 def _sensors(topics: Topics, of: str, kind: str, parameters: Mapping[str, float]) -> Iterator[_Readings]:

@@ -16,7 +16,7 @@ from companion.model import Array, Event, Flight, ParameterChange, StatusText, V
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
-from companion.telemetry.firmware import UNKNOWN
+from companion.telemetry.firmware import UNKNOWN, release
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.sanitize import words
@@ -56,8 +56,9 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     parameters, changed = _parameters(log, notes)
     notes += _damage(log)
     begin, end = _span(times.values(), log.begun * 1e-6)
-    release = log.infos.get("ver_sw_release")
-    version = _version(release)
+    code = log.infos.get("ver_sw_release")
+    code = code if isinstance(code, int) else 0  # where damage met its type
+    version = code >> 24, code >> 16 & 255
     actuators, control = actuator_track(topics), control_track(topics)
     let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
     zero, by_device = origin(topics), imu_instances(topics)
@@ -71,7 +72,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     position = position_track(topics, notes)
     let_go(topics, "vehicle_local_position")
     series = topic_series(topics, version, notes)
-    vehicle = _vehicle(parameters, topics, vehicle_types, release)
+    vehicle = _vehicle(parameters, topics, vehicle_types, release(code))
     return Flight(
         vehicle=vehicle,
         settings=setting_names(vehicle.autopilot),
@@ -102,7 +103,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
 
 
 def _vehicle(
-    parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], release: object
+    parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], firmware: str
 ) -> Vehicle:
     kind = identity(parameters, "MAV_TYPE", otherwise=-1)
     if kind not in vehicle_types and "system_type" in (status := topics.get("vehicle_status", {})):
@@ -112,7 +113,7 @@ def _vehicle(
         identity(parameters, "MAV_COMP_ID"),
         autopilot="PX4",
         type=vehicle_types.get(kind, UNKNOWN),
-        firmware=_firmware(release),
+        firmware=firmware,
     )
 
 
@@ -150,18 +151,6 @@ def _span(times: Iterable[Array], begun: float) -> tuple[float, float]:
     edges = [(float(t.min()), float(t.max())) for t in times]
     first, last = min((low for low, _ in edges), default=begun), max((high for _, high in edges), default=begun)
     return begun if first <= begun <= last else first, last
-
-
-def _firmware(release: object) -> str:
-    """ver_sw_release is major, minor, patch, type, one byte each."""
-    if not isinstance(release, int):  # where damage met its type
-        return ""
-    return f"{release >> 24}.{release >> 16 & 255}.{release >> 8 & 255}" if release else ""
-
-
-def _version(release: object) -> tuple[int, int]:
-    """Major and minor; (0, 0) where they are not told."""
-    return (release >> 24, release >> 16 & 255) if isinstance(release, int) else (0, 0)
 
 
 def _events(topics: Topics) -> tuple[Event, ...]:

@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SensorInUse, interpolated
 from companion.telemetry.outliers import Ranges
-from companion.telemetry.samples import commonest, increasing, read_by_a_part
+from companion.telemetry.parts import part_ranges
+from companion.telemetry.samples import commonest, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.drivers import accel_range, driver_tracks, gyro_range
+from companion.telemetry.ulog.drivers import driver_tracks
 from companion.telemetry.ulog.topics import (
     Topic,
     Topics,
@@ -66,16 +67,10 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
         whole = (gyro_dt > 0) & (accel_dt > 0) & (gyro_dt < LONGEST_WAIT_S)
         gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
         accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
-        t = sampled(topic) - gyro_dt / 2
         device, other = (_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
-        ranges = gyro_range(device), accel_range(other)
-        yield replace(
-            _track(name, t, gyro, accel, gyro_dt, whole, notes, ranges),
-            instance=instance,
-            device_id=device or None,
-            gyro_range=ranges[0],
-            accel_range=ranges[1],
-        )
+        ranges = part_ranges("PX4", device, other)
+        track = _track(name, sampled(topic) - gyro_dt / 2, gyro, accel, gyro_dt, whole, notes, ranges)
+        yield replace(track, instance=instance, device_id=device or None)
 
 
 def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
@@ -114,9 +109,8 @@ def _track(
     ranges: Ranges = (None, None),
 ) -> ImuTrack:
     """whole: rows that say for which interval they are. Rows of zeros are no readings."""
-    good = whole & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1))
-    keep = increasing(t, read_by_a_part(source, good, gyro, accel, ranges, notes))
-    return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
+    good = whole & (gyro.any(axis=1) | accel.any(axis=1))
+    return imu_track(source, t, gyro, accel, good, notes, ranges, interval)
 
 
 def _device(topic: Topic, field: str) -> int:
