@@ -9,7 +9,7 @@ from typing import Literal
 from companion.mavlink import Dialect
 from companion.model import IMU_MESSAGES
 
-Wanted = dict[str, float]
+Desired = dict[str, float]
 """Message name → Hz, the most important first."""
 
 
@@ -73,32 +73,32 @@ _FRAME_BYTES = 12  # MAVLink 2: header and CRC
 _SHARE = 0.7  # of a line's bytes that we may fill: others use it too
 
 
-def wanted_from(
+def desired_from(
     autopilot: str, *, imu_hz: float = 100.0, attitude_hz: float = 50.0, position_hz: float = 20.0
-) -> Wanted:
+) -> Desired:
     """What to ask of an autopilot (MAV_AUTOPILOT without prefix): what the analysis uses of what it may have."""
     rates = {"imu": imu_hz, "half the imu": max(imu_hz / 2, 1.0), "attitude": attitude_hz, "position": position_hz}
     known = autopilot if autopilot in (_ARDUPILOT, _PX4) else _OTHER
     return {row.name: row.rate(rates) for row in TABLE if not row.autopilots or known in row.autopilots}
 
 
-def load(wanted: Mapping[str, float], dialect: Dialect) -> float:
-    """Bytes per second of the wanted messages, as MAVLink 2."""
-    return sum(hz * _size(name, dialect) for name, hz in wanted.items())
+def load(desired: Mapping[str, float], dialect: Dialect) -> float:
+    """Bytes per second of the desired messages, as MAVLink 2."""
+    return sum(hz * _size(name, dialect) for name, hz in desired.items())
 
 
-def fit(wanted: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Wanted, str]:
+def fit(desired: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Desired, str]:
     """What of it a line carries, and a sentence when that is less.
 
     From the last row of the table to the first each message is lowered as far as is needed, to its least rate or out
     of the list; so the IMU is the last to suffer. Where even the least rates are too much, all are lowered alike.
     bytes_per_second: of the line; None when it has no limit that we know. What the dialect lacks is not asked for.
     """
-    wanted = {name: hz for name, hz in wanted.items() if name in dialect.by_name}
-    needed = load(wanted, dialect)
+    desired = {name: hz for name, hz in desired.items() if name in dialect.by_name}
+    needed = load(desired, dialect)
     if bytes_per_second is None or needed <= _SHARE * bytes_per_second:
-        return wanted, ""
-    left, over = dict(wanted), needed - _SHARE * bytes_per_second
+        return desired, ""
+    left, over = dict(desired), needed - _SHARE * bytes_per_second
     for row in reversed(TABLE):
         if row.name in left and over > 0:
             hz, size = left[row.name], _size(row.name, dialect)
@@ -111,7 +111,7 @@ def fit(wanted: Mapping[str, float], dialect: Dialect, bytes_per_second: float |
         left = {name: hz * share for name, hz in left.items()}
     return left, (
         f"the line carries {bytes_per_second:,.0f} bytes/s and the wanted messages need {needed:,.0f}: "
-        f"{_changes(wanted, left)}. Use a faster baud rate."
+        f"{_changes(desired, left)}. Use a faster baud rate."
     )
 
 
@@ -119,8 +119,8 @@ def _size(name: str, dialect: Dialect) -> int:
     return dialect.by_name[name].max_length + _FRAME_BYTES
 
 
-def _changes(wanted: Mapping[str, float], left: Mapping[str, float]) -> str:
-    out = [name for name in wanted if name not in left]
-    slower = [f"{name} {left[name]:.3g} of {hz:g} Hz" for name, hz in wanted.items() if left.get(name, hz) < hz]
+def _changes(desired: Mapping[str, float], left: Mapping[str, float]) -> str:
+    out = [name for name in desired if name not in left]
+    slower = [f"{name} {left[name]:.3g} of {hz:g} Hz" for name, hz in desired.items() if left.get(name, hz) < hz]
     parts = [f"left out: {', '.join(out)}"] if out else []
     return "; ".join(parts + ([f"lowered: {', '.join(slower)}"] if slower else []))

@@ -48,8 +48,8 @@ class StreamRequest:
 
     name: str
     message_id: int
-    wanted_hz: float
-    asked_hz: float  # lower than wanted when the vehicle denied that
+    desired_hz: float
+    requested_hz: float  # lower than wanted when the vehicle denied that
     received_hz: float = 0.0  # over the last 5 s
     found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
     found_hz: float = 0.0  # what arrived before we asked, where the vehicle said no interval

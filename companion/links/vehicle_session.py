@@ -13,22 +13,27 @@ from companion.model import IMU_MESSAGES
 
 
 class VehicleSession:
-    """Messages and times go in, requests and sentences come out. rates: None when nothing may be asked."""
+    """Messages and times go in, requests and sentences come out.
 
-    def __init__(self, target: Target, rates: StreamManager | None, now: float, patience_s: float) -> None:
+    rates: None when nothing may be requested. reported: where sentences for the user are added.
+    """
+
+    def __init__(
+        self, target: Target, rates: StreamManager | None, reported: list[str], now: float, patience_s: float
+    ) -> None:
         self.target = target
         self.rates = rates
         self.timesync = Timesync()
         self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
         self.started: float | None = None  # s, when it has last rebooted
         self.signs = False  # whether the vehicle signs what it sends, and we have no key
-        self.said: list[str] = []
         self._reboots = Reboots()  # where there are no rates, which watch this too
         self.found_at = now  # s
         self._patience_s = patience_s
-        self._told = False
+        self._complained = False
+        self._reported = reported
 
-    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+    def receive(self, messages: Mapping[str, Messages], now: float) -> None:
         """Take those messages that are of this vehicle."""
         own: dict[str, Messages] = {}
         for name, columns in messages.items():
@@ -37,15 +42,13 @@ class VehicleSession:
                 own[name] = columns.select(mine)
                 self.counts[name] += int(mine.sum())
         if "TIMESYNC" in own:
-            self.timesync.hear(own["TIMESYNC"], now)
+            self.timesync.receive(own["TIMESYNC"], now)
         if self.rates is None:
-            self.started = self._reboots.hear(own, now) or self.started
+            self.started = self._reboots.receive(own, now) or self.started
         else:
             self.rates.signed = self.signs
-            self.rates.hear(own, now)
+            self.rates.receive(own, now)
             self.started = self.rates.started
-            self.said += self.rates.said
-            self.rates.said.clear()
 
     @property
     def sends_imu(self) -> bool:
@@ -65,12 +68,12 @@ class VehicleSession:
 
     def complain(self, now: float) -> None:
         """Say, once, that no IMU message comes."""
-        if self._told or now - self.found_at <= self._patience_s or self.sends_imu:
+        if self._complained or now - self.found_at <= self._patience_s or self.sends_imu:
             return
-        self._told = True
+        self._complained = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
         why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
         if self.signs and self.rates is not None:
             why = "it signs its messages, and obeys only requests that are signed with its key"
             how = "give the key with --signing-key-file"
-        self.said.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")
+        self._reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

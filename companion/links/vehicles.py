@@ -27,11 +27,11 @@ class Vehicles:
 
     def __init__(self, names: Mapping[int, str], chosen: Callable[[Target], bool]) -> None:
         self.known: dict[Target, str] = {}
-        self.crowded = False  # whether more are heard than are known
+        self.limited = False  # whether more are heard than are known
         self._names, self._chosen = names, chosen
         self._imu_senders: dict[Target, None] = {}
 
-    def hear(self, messages: Mapping[str, Messages]) -> list[Target]:
+    def receive(self, messages: Mapping[str, Messages]) -> list[Target]:
         """Take what has arrived: the vehicles that are heard for the first time."""
         for name in IMU_MESSAGES:
             if name in messages and len(self._imu_senders) < MOST_VEHICLES:
@@ -51,7 +51,7 @@ class Vehicles:
             if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.known:
                 continue
             if len(self.known) >= MOST_VEHICLES and not (target in self._imu_senders or self._chosen(target)):
-                self.crowded = True
+                self.limited = True
                 continue
             self.known[target] = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
             met.append(target)

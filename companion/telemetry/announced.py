@@ -117,7 +117,7 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
 
 
 def imu_of_core(core: int, mask: float = np.nan) -> int | None:
-    """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None for one that is not in it."""
+    """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None beyond those."""
     if not 0 < mask < 256:
         return core
     bits = [bit for bit in range(8) if int(mask) >> bit & 1]
