@@ -17,7 +17,16 @@ from typing import Self
 
 import numpy as np
 
-from companion.logs.logfile import CHUNK_BYTES, HEAD_BYTES, MOST_BYTES, Contents, log_format, open_file, read_head
+from companion.logs.logfile import (
+    CHUNK_BYTES,
+    HEAD_BYTES,
+    MOST_BYTES,
+    Contents,
+    LogFile,
+    log_format,
+    open_file,
+    read_head,
+)
 from companion.logs.other_files import what_else
 from companion.mavlink import (
     DEFAULT_DIALECT,
@@ -83,16 +92,10 @@ _OTHER_FORMATS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Log:
+class Log(LogFile):
     """A log in memory, as columns per message type."""
 
-    path: Path
-    size_bytes: int  # of the file
-    content_bytes: int  # the same, but of what it holds where it is compressed
-    trouble: str  # why the rest could not be decompressed; "" when all of it was
-    frames: int  # valid ones, of known ids
     bad_crc_frames: int  # known ids whose CRC is wrong: damage, or a sender with another dialect
-    skipped_bytes: int  # bytes that belong to no valid frame, stamp or unknown frame
     unknown_frames: Mapping[int, int]  # id -> frames of ids that the dialect does not have
     first_log_time: float  # s UNIX, the first and last believable stamp in file order; NaN if there is none
     last_log_time: float
