@@ -24,10 +24,9 @@ from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
-from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
+from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track, truth
 from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
 from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
-from companion.telemetry.ulog.truth import truth
 
 _ARMED = 2  # vehicle_status.arming_state
 
