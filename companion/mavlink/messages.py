@@ -30,7 +30,7 @@ class Messages:
     seq: Bytes  # (N,) uint8
     crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
     rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not asked for
-    told: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where somebody has read it already
+    given: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where it has been read already
 
     @property
     def name(self) -> str:
@@ -50,6 +50,13 @@ class Messages:
             raise KeyError(f"the fields of {self.name} were not read: add it to `names`")
         column: npt.NDArray[Any] = self.rows[field]
         return column
+
+    @property
+    def t(self) -> npt.NDArray[np.float64]:
+        """When each was sent, (N,) s by the sender's own clock. Raises KeyError where that has not been read."""
+        if self.given is None:
+            raise KeyError(f"the times of {self.name} were not read")
+        return self.given
 
     def senders(self) -> dict[tuple[int, int], int]:
         """How many were sent by each (sysid, compid), in order of those."""
@@ -76,7 +83,7 @@ class Messages:
             seq=self.seq[index],
             crc=self.crc[index],
             rows=rows,
-            told=None if self.told is None else self.told[index],
+            given=None if self.given is None else self.given[index],
         )
 
     def columns(self, *names: str) -> npt.NDArray[np.float64]:

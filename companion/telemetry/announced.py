@@ -57,8 +57,9 @@ def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
     return tuple(resets)
 
 
-def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
+def odometry_resets(odometry: Messages) -> tuple[EstimatorReset, ...]:
     """Where ODOMETRY's counter of resets goes on, and which states jumped there: at least the one that did most."""
+    t = odometry.t
     order = np.flatnonzero(np.isfinite(t))
     order = order[np.argsort(t[order], kind="stable")]
     counter = odometry["reset_counter"][order].astype(np.int64)

@@ -44,7 +44,6 @@ from companion.telemetry.sources import SI
 
 def imu(
     messages: Messages,
-    t: Array,
     vehicle: Vehicle,
     parameters: Mapping[str, float],
     turns: Turns,
@@ -52,7 +51,7 @@ def imu(
     *,
     dequantise: bool = False,
 ) -> ImuTrack | None:
-    """Samples of an IMU message at boot times t (N,) s, in the frame of the attitude. What is left out is noted.
+    """Samples of an IMU message in the frame of the attitude. What is left out is noted.
 
     Integer readings are cut towards zero by the autopilot, so a reading k stands for [k, k+1) steps: `dequantise` adds
     half a step away from zero to readings that are not zero. None for a stream that is zero throughout: ArduPilot sends
@@ -64,7 +63,7 @@ def imu(
     if not gyro.any() and not accel.any():
         notes.append(f"{name} is zero throughout: the vehicle has no such IMU")
         return None
-    good, instance = np.ones(len(t), np.bool_), IMU_MESSAGES[name].instance
+    good, instance = np.ones(len(messages), np.bool_), IMU_MESSAGES[name].instance
     if name == "HIGHRES_IMU":
         ids = messages["id"]
         instance = commonest(ids)
@@ -74,7 +73,7 @@ def imu(
     # 16 bits of mrad/s and mG hold nothing that a part cannot read
     ranges = None if gyro_step else known_ranges(vehicle, parameters, IMU_MESSAGES[name].instance)
     track = replace(
-        imu_track(name, t, gyro, accel, good, notes, ranges),
+        imu_track(name, messages.t, gyro, accel, good, notes, ranges),
         gyro_step=gyro_step,
         accel_step=accel_step,
         instance=instance,
@@ -151,31 +150,31 @@ def turned_vectors(t: Array, vectors: Array, turns: Turns) -> Array:
     return out
 
 
-def attitude(messages: Messages, t: Array, notes: list[str]) -> AttitudeTrack | None:
+def attitude(messages: Messages, notes: list[str]) -> AttitudeTrack | None:
     """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions, with bias-corrected body rates."""
     if "roll" in (messages.rows.dtype.names or ()):
         q = from_euler(*messages.columns("roll", "pitch", "yaw").T)
     else:
         q = messages.columns("q1", "q2", "q3", "q4")
-    keep, t, q = attitudes(t, q)
+    keep, t, q = attitudes(messages.t, q)
     rates = np.nan_to_num(messages.columns("rollspeed", "pitchspeed", "yawspeed")[keep])
     return attitude_track(messages.name, t, q, rates, notes)
 
 
-def position(messages: Messages, t: Array, notes: list[str]) -> PositionTrack | None:
+def position(messages: Messages, notes: list[str]) -> PositionTrack | None:
     """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid."""
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     if messages.name == "LOCAL_POSITION_NED":
-        return position_track(messages.name, t, messages.columns("x", "y", "z"), velocity, True, notes)
+        return position_track(messages.name, messages.t, messages.columns("x", "y", "z"), velocity, True, notes)
     good = (messages["lat"] != 0) | (messages["lon"] != 0)  # 0, 0 is "no fix" on every autopilot
     lat, lon, height = np.radians(messages["lat"] * 1e-7), np.radians(messages["lon"] * 1e-7), messages["alt"] * 1e-3
     first = int(np.argmax(good))
     ned = ned_from_geodetic(lat, lon, height, (float(lat[first]), float(lon[first]), float(height[first])))
-    return position_track(messages.name, t, ned, velocity, good, notes)
+    return position_track(messages.name, messages.t, ned, velocity, good, notes)
 
 
-def origin(messages: Messages, t: Array) -> Origin | None:
-    """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN, at times t (N,), first says it was.
+def origin(messages: Messages) -> Origin | None:
+    """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN first says it was.
 
     None without a fix. GPS_GLOBAL_ORIGIN is where LOCAL_POSITION_NED is zero, wherever the vehicle is by then.
     """
@@ -186,7 +185,7 @@ def origin(messages: Messages, t: Array) -> Origin | None:
     if not len(fixed):
         return None
     i = fixed[0]
-    return place(latitude[i] * 1e-7, longitude[i] * 1e-7, height[i] * 1e-3, None if is_zero else float(t[i]))
+    return place(latitude[i] * 1e-7, longitude[i] * 1e-7, height[i] * 1e-3, None if is_zero else float(messages.t[i]))
 
 
 def home(messages: Messages) -> Origin:

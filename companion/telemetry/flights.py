@@ -12,7 +12,6 @@ import numpy as np
 from companion.mavlink import Dialect, Messages
 from companion.model import (
     IMU_MESSAGES,
-    Array,
     AttitudeTrack,
     BiasTrack,
     Event,
@@ -90,7 +89,6 @@ class _Begun:
     """A flight whose tracks are being made."""
 
     boot: Boot
-    seconds: dict[str, Array]  # the boot times of its messages
     flight: Flight
     turns: convert.Turns
     imus: dict[str, ImuTrack]
@@ -116,17 +114,15 @@ def _boots_of(
         parameters = begun[-1].flight.parameters
     for name in IMU_MESSAGES:
         for one in begun:
-            if name not in one.boot.messages:
-                continue
-            sent, t, known = one.boot.messages.pop(name), one.seconds.pop(name), one.flight.parameters
-            track = convert.imu(sent, t, vehicle, known, one.turns, one.notes, dequantise=dequantise)
-            if track is not None:
-                one.imus[name] = track
+            if (sent := one.boot.messages.pop(name, None)) is not None:
+                known = one.flight.parameters
+                track = convert.imu(sent, vehicle, known, one.turns, one.notes, dequantise=dequantise)
+                one.imus |= {} if track is None else {name: track}
     return [_with_tracks(one, dequantise) for one in begun]
 
 
 def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
-    boot, seconds, flight, imus = begun.boot, begun.seconds, begun.flight, begun.imus
+    messages, flight, imus = begun.boot.messages, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
     attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
     attitude, told = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
@@ -153,24 +149,25 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         **aiding_tracks(flight.series, notes, begun.turns),
         biases=biases,
         imu_in_use=used,
-        control=control_track(boot.messages, seconds, attitude),
-        actuators=actuator_track(boot.messages, seconds, flight.parameters),
-        truth=message_truth(boot.messages, seconds, flight.origin, position),
+        control=control_track(messages, attitude),
+        actuators=actuator_track(messages, flight.parameters),
+        truth=message_truth(messages, flight.origin, position),
     )
 
 
 def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialect: Dialect) -> _Begun:
     """The boot's flight as far as it needs no track. known: the parameters before it."""
     notes = [*said, *boot.notes]
-    seconds = {name: _seconds(m, boot.clock, notes) for name, m in boot.messages.items() if name in _TIMED}
+    messages = boot.messages
+    timed = {name: _timed(m, boot.clock, notes) for name, m in messages.items() if name in _TIMED}
+    stats = arrivals(messages, timed)
+    messages.update(timed)
     first, last = _span(boot)
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
-    parameters, at_first, changes = _parameters(boot, seconds, known, notes)
-    texts = status_texts(boot.messages["STATUSTEXT"], seconds["STATUSTEXT"]) if "STATUSTEXT" in boot.messages else ()
-    resets = text_resets(texts)
-    if "ODOMETRY" in boot.messages:
-        resets += odometry_resets(boot.messages["ODOMETRY"], seconds["ODOMETRY"])
+    parameters, at_first, changes = _parameters(boot, known, notes)
+    texts = status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
+    resets = text_resets(texts) + (odometry_resets(messages["ODOMETRY"]) if "ODOMETRY" in messages else ())
     ardupilot = _is_ardupilot(boot.vehicle)
     turns, turned = convert.turns(at_first, changes) if ardupilot else (convert.UNTURNED, [])
     flight = Flight(
@@ -180,23 +177,23 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
         boot=boot.number,
         start=first,
         duration=last - first,
-        origin=_origin(boot),
-        epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
-        home=convert.home(boot.messages["HOME_POSITION"]) if "HOME_POSITION" in boot.messages else None,
-        series=message_sensors(boot.messages, seconds, notes, px4=boot.vehicle.autopilot == "PX4"),
-        events=_events(boot, seconds, dialect),
+        origin=_origin(messages),
+        epoch=system_epoch(messages.get("SYSTEM_TIME"), boot.clock),
+        home=convert.home(messages["HOME_POSITION"]) if "HOME_POSITION" in messages else None,
+        series=message_sensors(messages, notes, px4=boot.vehicle.autopilot == "PX4"),
+        events=_events(boot, dialect),
         parameters=parameters,
         texts=texts,
-        messages=arrivals(boot.messages, seconds),
+        messages=stats,
         imu_in_use=imu_in_use(resets, parameters, first) if ardupilot else None,
         resets=tuple(sorted(resets, key=lambda reset: reset.t)),
         parameter_changes=changes,
     )
-    return _Begun(boot, seconds, flight, turns, {}, [*notes, *turned])
+    return _Begun(boot, flight, turns, {}, [*notes, *turned])
 
 
-def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
-    """Boot time of each message (N,) in s; of one that counts from elsewhere that of its neighbours."""
+def _timed(messages: Messages, clock: Clock, notes: list[str]) -> Messages:
+    """The messages with their boot times; of one that counts from elsewhere those of its neighbours."""
     t, shift = boot_seconds(messages, clock)
     if messages.name in IMU_MESSAGES:
         if shift:
@@ -206,21 +203,21 @@ def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
         off = np.abs(t - beside)
         if off.max() > _ELSEWHEN_S and float(np.median(off)) > _ELSEWHEN_S:
             notes.append(f"{messages.name}.time_usec is no time since boot: that of its neighbours is used")
-            return beside
-    return t
+            t = beside
+    return replace(messages, given=t)
 
 
 def _parameters(
-    boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float], notes: list[str]
+    boot: Boot, known: Mapping[str, float], notes: list[str]
 ) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
     if "PARAM_VALUE" not in boot.messages:
         return dict(known), dict(known), ()
-    sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
+    sent = boot.messages["PARAM_VALUE"]
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
     names = sent["param_id"].tolist()
     last, first = values_of(names, values), values_of(names, values, first=True)
-    changes = partial(parameter_changes, names, t, values)
+    changes = partial(parameter_changes, names, sent.t, values)
     return {**known, **last}, {**known, **first}, LazyTuple(changes)
 
 
@@ -263,7 +260,7 @@ def _weight(position: PositionTrack) -> float:
 
 
 Track = TypeVar("Track", AttitudeTrack, PositionTrack)
-_Maker = Callable[[Messages, Array, list[str]], Track | None]
+_Maker = Callable[[Messages, list[str]], Track | None]
 
 
 def _made(begun: _Begun, make: _Maker[Track], *names: str) -> list[tuple[Track, list[str]]]:
@@ -271,23 +268,18 @@ def _made(begun: _Begun, make: _Maker[Track], *names: str) -> list[tuple[Track, 
     made: list[tuple[Track, list[str]]] = []
     for name in (name for name in names if name in begun.boot.messages):
         notes: list[str] = []
-        track = make(begun.boot.messages.pop(name), begun.seconds[name], notes)
+        track = make(begun.boot.messages.pop(name), notes)
         made += [] if track is None else [(track, notes)]
     return made
 
 
-def _origin(boot: Boot) -> Origin | None:
+def _origin(messages: Sender) -> Origin | None:
     names = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN")
-    known = (
-        convert.origin(m, boot_seconds(m, boot.clock)[0]) for n in names if (m := boot.messages.get(n)) is not None
-    )
-    return next((place for place in known if place is not None), None)
+    places = (convert.origin(messages[name]) for name in names if name in messages)
+    return next((place for place in places if place is not None), None)
 
 
-def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Event, ...]:
-    events: tuple[Event, ...] = ()
-    if "HEARTBEAT" in boot.messages:
-        events += heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
-    if "EXTENDED_SYS_STATE" in boot.messages:
-        events += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
-    return in_order(events)
+def _events(boot: Boot, dialect: Dialect) -> tuple[Event, ...]:
+    beats, states = boot.messages.get("HEARTBEAT"), boot.messages.get("EXTENDED_SYS_STATE")
+    events = () if beats is None else heartbeat_events(beats, boot.vehicle, dialect)
+    return in_order(events + (() if states is None else landed_events(states)))

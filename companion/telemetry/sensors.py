@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.mavlink import Messages
-from companion.model import Array, Series
+from companion.model import Series
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
 from companion.telemetry.sources import MESSAGE_SOURCES, VIBRATION_PX4, Source
 
@@ -16,10 +16,8 @@ SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
 """Messages that become series."""
 
 
-def message_sensors(
-    messages: Mapping[str, Messages], seconds: Mapping[str, Array], notes: list[str], *, px4: bool
-) -> Mapping[str, Series]:
-    """The series in a boot's messages, at their boot times `seconds`. px4: the autopilot is one.
+def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: bool) -> Mapping[str, Series]:
+    """The series in a boot's messages, at their boot times. px4: the autopilot is one.
 
     What is left out is added to the notes.
     """
@@ -30,26 +28,24 @@ def message_sensors(
         for one in _of_messages(
             replace(row, fields=VIBRATION_PX4) if px4 and row.kind == "vibration" else row,
             messages[row.name],
-            seconds[row.name],
             notes,
         )
     )
 
 
-def _of_messages(row: Source, messages: Messages, t: Array, notes: list[str]) -> Iterator[RawSeries | None]:
+def _of_messages(row: Source, messages: Messages, notes: list[str]) -> Iterator[RawSeries | None]:
     """Of each sensor that the message tells apart."""
     if not row.by or not len(messages):
-        yield _raw_series(row, messages, t, None, notes)
+        yield _raw_series(row, messages, None, notes)
         return
     ids = np.column_stack([messages[name] for name in row.by])
     sensors = np.unique(ids, axis=0)
     for number, own in enumerate(sensors):
-        mine = (ids == own).all(axis=1)
         several = number if len(sensors) > 1 else None
-        yield _raw_series(row, messages.select(mine), t if mine.all() else t[mine], several, notes)
+        yield _raw_series(row, messages.select(np.asarray((ids == own).all(axis=1))), several, notes)
 
 
-def _raw_series(row: Source, messages: Messages, t: Array, number: int | None, notes: list[str]) -> RawSeries | None:
+def _raw_series(row: Source, messages: Messages, number: int | None, notes: list[str]) -> RawSeries | None:
     def column(field: str) -> Raw | None:
         name, _, place = field.partition("[")
         if name not in messages.layout.fields:
@@ -58,4 +54,4 @@ def _raw_series(row: Source, messages: Messages, t: Array, number: int | None, n
 
     name = messages.name if number is None else f"{messages.name}[{number}]"
     instance = row.instance + (number or 0)
-    return raw_series(row, name, t, column, messages.layout.units, instance=instance, notes=notes)
+    return raw_series(row, name, messages.t, column, messages.layout.units, instance=instance, notes=notes)

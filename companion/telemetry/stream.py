@@ -63,15 +63,14 @@ def newest_tracks(
     track: ImuTrack | None = None
     for name in sources(flight, imu):
         sent = _of_vehicle(flight, messages.get(name))
-        t = None if sent is None else device_time(sent)
-        if sent is None or t is None or len(t) < 2:
+        if sent is None or len(sent) < 2:
             return None
         if name == imu:
-            track = convert.imu(sent, t, flight.vehicle, flight.parameters, turns, [], dequantise=dequantise)
+            track = convert.imu(sent, flight.vehicle, flight.parameters, turns, [], dequantise=dequantise)
         elif name.startswith("ATTITUDE"):
-            attitude = convert.attitude(sent, t, [])
+            attitude = convert.attitude(sent, [])
         elif name == "LOCAL_POSITION_NED":
-            position = convert.position(sent, t, [])
+            position = convert.position(sent, [])
         else:
             return None  # a position on the globe is seen from where the flight began
     if track is None or attitude is None or flight.attitude is None:
@@ -83,8 +82,11 @@ def newest_tracks(
 
 
 def _of_vehicle(flight: Flight, sent: Messages | None) -> Messages | None:
+    """With the times that they carry; None where they carry none."""
     vehicle = flight.vehicle
-    return None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
+    sent = None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
+    t = None if sent is None else device_time(sent)
+    return None if sent is None or t is None else replace(sent, given=t)
 
 
 def _goes_on(t: Array, known: Array) -> bool:

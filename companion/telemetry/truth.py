@@ -50,9 +50,9 @@ TRUTH_MESSAGES = ("SIM_STATE", "HIL_STATE_QUATERNION", "SIMSTATE")
 
 
 def message_truth(
-    messages: Mapping[str, Messages], seconds: Mapping[str, Array], origin: Origin | None, track: PositionTrack | None
+    messages: Mapping[str, Messages], origin: Origin | None, track: PositionTrack | None
 ) -> TruthTrack | None:
-    """The truth in a boot's messages, at their boot times `seconds`; see `truth_track` for origin and track."""
+    """The truth in a boot's messages, at their boot times; see `truth_track` for origin and track."""
     name = next((name for name in TRUTH_MESSAGES if name in messages), None)
     if name is None:
         return None
@@ -72,7 +72,7 @@ def message_truth(
             place = _si(told, "lat_int"), _si(told, "lon_int"), _si(told, "alt")
     elif name == "SIMSTATE":
         place = _si(told, "lat"), _si(told, "lng"), nowhere
-    return truth_track(name, seconds[name], q, velocity, place, origin, track)
+    return truth_track(name, told.t, q, velocity, place, origin, track)
 
 
 def _si(messages: Messages, field: str) -> Array:
