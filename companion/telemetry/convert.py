@@ -100,8 +100,8 @@ def trim(parameters: Mapping[str, float]) -> tuple[float, float] | None:
     return (roll, pitch) if np.isfinite([roll, pitch]).all() and (roll or pitch) else None
 
 
-def turns(parameters: Mapping[str, float], changes: Iterable[ParameterChange] = ()) -> tuple[Turns, list[str]]:
-    """The rotations of an IMU into the frame that ATTITUDE speaks of, and notes; parameters: at the beginning.
+def turns(parameters: Mapping[str, float], notes: list[str], changes: Iterable[ParameterChange] = ()) -> Turns:
+    """The rotations of an IMU into the frame that ATTITUDE speaks of, noted; parameters: at the beginning.
 
     ArduPilot subtracts AHRS_TRIM from the attitude that it sends, but not from the IMU: both gyro and accelerometer are
     turned by R = from_euler(AHRS_TRIM_X, AHRS_TRIM_Y, 0). With a trim of 0.05/-0.06 rad: 39 m after 10 s without it,
@@ -113,13 +113,10 @@ def turns(parameters: Mapping[str, float], changes: Iterable[ParameterChange] = 
         if change.name in _TRIM:
             known[change.name] = change.value
             trims.append((change.t, trim(known)))
-    notes = [
-        "AHRS_TRIM ({:+.4f}, {:+.4f}) rad applied to the IMUs".format(*one)
-        + (f" from {t:.1f} s on" if t > -np.inf else "")
-        for t, one in trims
-        if one is not None
-    ]
-    return tuple((t, None if one is None else _rotation(*one)) for t, one in trims), notes
+    for t, (roll, pitch) in ((t, one) for t, one in trims if one is not None):
+        since = f" from {t:.1f} s on" if t > -np.inf else ""
+        notes.append(f"AHRS_TRIM ({roll:+.4f}, {pitch:+.4f}) rad applied to the IMUs{since}")
+    return tuple((t, None if one is None else _rotation(*one)) for t, one in trims)
 
 
 def _rotation(roll: float, pitch: float) -> Array:

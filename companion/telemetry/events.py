@@ -10,6 +10,7 @@ import numpy.typing as npt
 from companion.logs import Records
 from companion.mavlink import Dialect, Messages, mode_name
 from companion.model import Array, Event, StatusText, Vehicle
+from companion.telemetry.samples import majority
 from companion.telemetry.sanitize import words
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
@@ -43,11 +44,7 @@ def heartbeat_events(beats: Messages, vehicle: Vehicle, dialect: Dialect) -> tup
 
     The first heartbeat gives the mode at the beginning, and "armed" if it already was.
     """
-    kinds = np.column_stack([beats["autopilot"], beats["type"]])
-    pairs, which, counts = np.unique(kinds, axis=0, return_inverse=True, return_counts=True)
-    if len(pairs) > 1:  # somebody else speaks with these ids: `describe` has said so
-        mine = which.ravel() == np.argmax(counts)
-        beats = beats.select(np.asarray(mine))
+    beats = beats.select(majority(beats["autopilot"], beats["type"]))  # somebody else may speak with these ids
     return changes(
         beats.t,
         (beats["base_mode"] & _ARMED_FLAG) != 0,

@@ -66,7 +66,8 @@ def flights(
     found_by_others = _parameters_of_ground_stations(speaking)
     for ids in sorted(speaking):
         sender = speaking.pop(ids)
-        vehicle, notes = describe(ids, sender, dialect)
+        notes: list[str] = []
+        vehicle = describe(ids, sender, dialect, notes)
         if isinstance(vehicle, NonVehicle):
             others.append(vehicle)
             continue
@@ -99,7 +100,7 @@ def _boots_of(
     vehicle: Vehicle,
     sender: Sender,
     parameters: Mapping[str, float],
-    said: tuple[str, ...],
+    notes: list[str],
     dialect: Dialect,
     dequantise: bool,
 ) -> list[Flight]:
@@ -110,7 +111,7 @@ def _boots_of(
     """
     begun: list[_Begun] = []
     for boot in boots(vehicle, sender):
-        begun.append(_begin(boot, parameters, said, dialect))
+        begun.append(_begin(boot, parameters, notes, dialect))
         parameters = begun[-1].flight.parameters
     for name in IMU_MESSAGES:
         for one in begun:
@@ -135,8 +136,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     if _is_ardupilot(flight.vehicle):
         biases = LazyTuple(partial(ardupilot_biases, imus, attitude, used, begun.turns, dequantised=dequantise))
     elif flight.vehicle.autopilot == "PX4":
-        selected, instance, told = selected_imu(imus, flight.parameters)
-        notes += told
+        selected, instance = selected_imu(imus, flight.parameters, notes)
         biases = LazyTuple(partial(px4_biases, imus, selected, dequantised=dequantise))
         if instance is not None:
             used = SensorInUse(np.array([flight.start]), np.array([instance]), "HIGHRES_IMU")
@@ -155,9 +155,9 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     )
 
 
-def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialect: Dialect) -> _Begun:
+def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: Dialect) -> _Begun:
     """The boot's flight as far as it needs no track. known: the parameters before it."""
-    notes = [*said, *boot.notes]
+    notes = [*before, *boot.notes]
     messages = boot.messages
     timed = {name: _timed(m, boot.clock, notes) for name, m in messages.items() if name in _TIMED}
     stats = arrivals(messages, timed)
@@ -169,7 +169,6 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
     texts = status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
     resets = text_resets(texts) + (odometry_resets(messages["ODOMETRY"]) if "ODOMETRY" in messages else ())
     ardupilot = _is_ardupilot(boot.vehicle)
-    turns, turned = convert.turns(at_first, changes) if ardupilot else (convert.UNTURNED, [])
     flight = Flight(
         vehicle=boot.vehicle,
         settings=setting_names(boot.vehicle.autopilot),
@@ -189,7 +188,8 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
         resets=tuple(sorted(resets, key=lambda reset: reset.t)),
         parameter_changes=changes,
     )
-    return _Begun(boot, flight, turns, {}, [*notes, *turned])
+    turns = convert.turns(at_first, notes, changes) if ardupilot else convert.UNTURNED
+    return _Begun(boot, flight, turns, {}, notes)
 
 
 def _timed(messages: Messages, clock: Clock, notes: list[str]) -> Messages:

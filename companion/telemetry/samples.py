@@ -118,6 +118,12 @@ def commonest(values: npt.NDArray[Any], otherwise: int = 0) -> int:
     return int(numbers[np.argmax(counts)]) if len(numbers) else otherwise
 
 
+def majority(*columns: npt.NDArray[Any]) -> BoolArray:
+    """(N,) which rows are those that occur most."""
+    _, which, counts = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(which.ravel() == np.argmax(counts))
+
+
 def place(latitude: float, longitude: float, height: float, t: float | None = None) -> Origin:
     """Degrees and m, as logs have them."""
     return Origin(float(np.radians(latitude)), float(np.radians(longitude)), float(height), t)

@@ -58,7 +58,7 @@ def newest_tracks(
     None where they cannot simply go on from it: after a reboot or a gap, where their times are not those of the
     flight, or where one of them says nothing. Then the whole flight is to be looked at.
     """
-    turns = convert.turns(flight.parameters)[0] if flight.vehicle.autopilot == "ARDUPILOTMEGA" else convert.UNTURNED
+    turns = convert.turns(flight.parameters, []) if flight.vehicle.autopilot == "ARDUPILOTMEGA" else convert.UNTURNED
     attitude = position = None
     track: ImuTrack | None = None
     for name in sources(flight, imu):

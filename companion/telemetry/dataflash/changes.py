@@ -13,7 +13,7 @@ import numpy as np
 from companion.logs import Records
 from companion.model import EstimatorReset, ParameterChange, ResetKind, StatusText
 from companion.telemetry import announced
-from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores
+from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores, primary_cores
 
 _EVENTS: Mapping[int, tuple[ResetKind, str]] = {60: ("height", "EKF height reset"), 62: ("heading", "EKF yaw reset")}
 _SAME_S = 0.5  # an event and a text of the same kind within it are one reset
@@ -71,8 +71,7 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
 
 def _lanes(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorReset]:
     """Changes of XKF4.PI."""
-    one = records.get(f"{mine.prefix}F4")
-    if one is None or not one.layout.has_numbers("PI"):
+    if (one := primary_cores(records, mine.prefix)) is None:
         return
     primary = one["PI"].astype(np.int64)
     for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():

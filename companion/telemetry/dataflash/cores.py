@@ -58,27 +58,32 @@ def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Fle
     kind = parameters.get("AHRS_EKF_TYPE")
     present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
     prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
-    status = records.get(f"{prefix}F4")
-    if status is None or not status.layout.has_numbers("PI"):
+    if (status := primary_cores(records, prefix)) is None:
         return Flew(prefix, 0, (0,))
     return Flew(prefix, commonest(status["PI"]), tuple(np.unique(status["PI"]).tolist()))
 
 
-def reference_core(records: Mapping[str, Records], mine: Flew, wanted: int | None) -> tuple[int, list[str]]:
-    """The EKF core to compare with, and a note when that is not simply the one that always flew.
+def primary_cores(records: Mapping[str, Records], prefix: str) -> Records | None:
+    """The records of an EKF that tell its primary core in PI."""
+    status = records.get(f"{prefix}F4")
+    return status if status is not None and status.layout.has_numbers("PI") else None
+
+
+def reference_core(records: Mapping[str, Records], mine: Flew, chosen: int | None, notes: list[str]) -> int:
+    """The EKF core to compare with, noted when that is not simply the one that always flew.
 
     Raises DataError for a core that the log has not.
     """
-    notes = []
     if len(mine.cores) > 1:
-        notes = [f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference"]
-    if wanted is None or wanted == mine.core:
-        return mine.core, notes
+        notes.append(f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference")
+    if chosen is None or chosen == mine.core:
+        return mine.core
     known = sorted({core for name in ("Q", "F1") for core in of_cores(records, mine.prefix + name)})
-    if wanted not in known:
+    if chosen not in known:
         have = ", ".join(map(str, known)) or "one without a number"
-        raise DataError(f"the log has no EKF core {wanted}. It has: {have}; the one that flew is {mine.core}.")
-    return wanted, [*notes, f"EKF core {wanted} is the reference, as asked; the one that flew is {mine.core}"]
+        raise DataError(f"the log has no EKF core {chosen}. It has: {have}; the one that flew is {mine.core}.")
+    notes.append(f"EKF core {chosen} is the reference, as asked; the one that flew is {mine.core}")
+    return chosen
 
 
 def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
@@ -89,14 +94,12 @@ def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int 
 
 def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:
     """The IMU of the primary core (XKF4.PI), from each change on."""
-    name = f"{mine.prefix}F4"
-    if name not in records or not records[name].layout.has_numbers("PI"):
+    if (status := primary_cores(records, mine.prefix)) is None:
         return None
-    t, primary = records[name].t, records[name]["PI"].astype(np.int64)
     imus = {core: imu_of_core(core, mine.prefix, parameters) for core in mine.cores if core >= 0}
     known = {core: imu for core, imu in imus.items() if imu is not None}
-    instance = np.array([known.get(core, -1) for core in primary.tolist()], np.int64)
-    return in_use(f"{name}.PI", t, instance, instance >= 0)
+    instance = np.array([known.get(core, -1) for core in status["PI"].tolist()], np.int64)
+    return in_use(f"{status.name}.PI", status.t, instance, instance >= 0)
 
 
 _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}

@@ -40,17 +40,21 @@ _GAP = 8.0  # of the mean interval: samples are missing
 
 
 def imu_tracks(
-    records: dict[str, Records], vehicle: Vehicle, parameters: Mapping[str, float]
-) -> tuple[dict[str, ImuTrack], list[str]]:
-    """IMU[0], IMU[1], ... as log viewers call them, then GYR[0], ... where every sample was logged; and notes.
+    records: dict[str, Records], vehicle: Vehicle, parameters: Mapping[str, float], notes: list[str]
+) -> dict[str, ImuTrack]:
+    """IMU[0], IMU[1], ... as log viewers call them, then GYR[0], ... where every sample was logged.
 
     Their records are let go: they are most of a log.
     """
+
+    def made(key: str, number: int, t: Array, gyro: Array, accel: Array) -> ImuTrack:
+        ranges = known_ranges(vehicle, parameters, number)
+        track = imu_track(key, t, gyro, accel, np.ones(len(t), np.bool_), notes, ranges)
+        return with_facts(replace(track, instance=number), vehicle, parameters)
+
     tracks: dict[str, ImuTrack] = {}
-    notes: list[str] = []
     for number, key, one in sources({name: records.pop(name) for name in _IMU if name in records}, _IMU):
-        values = _vector(one, "Gyr"), _vector(one, "Acc")
-        tracks[key] = _track(key, number, one.t, *values, vehicle, parameters, notes)
+        tracks[key] = made(key, number, one.t, _vector(one, "Gyr"), _vector(one, "Acc"))
     filtered = {track.instance for track in tracks.values()}
     gyros, accels = (_every_sample(records, kind) for kind in ("Gyr", "Acc"))
     for number, one in gyros.items():
@@ -66,26 +70,11 @@ def imu_tracks(
                         f"{name}: {far} of {len(sensed)} left out: the time of the sample is {LONGEST_WAIT_S:g} s and "
                         "more off that of its record"
                     )
-            track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
+            track = made(key, number, *_paired(one, accels[number]))
             tracks[key] = replace(track, gyro_low_pass_hz=None, accel_low_pass_hz=None)
     if "ISBH" in records:
         notes.append(_batch_note(records["ISBH"]))
-    return {key: track for key, track in tracks.items() if len(track)}, notes
-
-
-def _track(
-    key: str,
-    number: int,
-    t: Array,
-    gyro: Array,
-    accel: Array,
-    vehicle: Vehicle,
-    parameters: Mapping[str, float],
-    notes: list[str],
-) -> ImuTrack:
-    ranges = known_ranges(vehicle, parameters, number)
-    track = replace(imu_track(key, t, gyro, accel, np.ones(len(t), np.bool_), notes, ranges), instance=number)
-    return with_facts(track, vehicle, parameters)
+    return {key: track for key, track in tracks.items() if len(track)}
 
 
 def _vector(one: Records, kind: str) -> Array:

@@ -25,13 +25,12 @@ NEEDED = frozenset(name for row in RECORD_SOURCES for name in row.names) | {
 """Records that become series."""
 
 
-def record_sensors(records: Mapping[str, Records], prefix: str, core: int) -> tuple[Mapping[str, Series], list[str]]:
-    """The series of an ArduPilot log and notes; of the cores of the EKF that flew (prefix: "XK") that one first."""
+def record_sensors(records: Mapping[str, Records], prefix: str, core: int, notes: list[str]) -> Mapping[str, Series]:
+    """The series of an ArduPilot log; of the cores of the EKF that flew (prefix: "XK") that one first."""
     parts: list[RawSeries | None] = []
-    notes: list[str] = []
     for row in RECORD_SOURCES:
         parts += _of_ekf(records, row, prefix, core) if row.kind in _OF_CORES else _of_sensors(records, row, notes)
-    return series_of([*parts, *batches(records, notes)]), notes
+    return series_of([*parts, *batches(records, notes)])
 
 
 def _of_ekf(records: Mapping[str, Records], row: Source, prefix: str, core: int) -> Iterator[RawSeries | None]:
