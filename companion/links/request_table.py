@@ -22,6 +22,7 @@ class Row:
     least_hz: float  # that a slow line leaves of it; 0: it is left out
     autopilots: tuple[str, ...] = ()  # that have it; (): all
     optional: bool = False  # many vehicles have no such sensor: its absence is said once, in one sentence with others
+    stream: int = 0  # MAV_DATA_STREAM of ArduPilot that carries it: 1 RAW_SENSORS, 2 EXTENDED_STATUS, 6 POSITION, ...
 
     def rate(self, rates: Mapping[str, float]) -> float:
         """Hz."""
@@ -32,21 +33,21 @@ _ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
 
 _ROWS = (
     # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent witness.
-    Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER)),
+    Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER), stream=1),
     Row("SCALED_IMU", "imu", 10.0, (_PX4, _OTHER)),
-    Row("ATTITUDE", "attitude", 10.0),
-    Row("LOCAL_POSITION_NED", "position", 4.0),
-    Row("GPS_RAW_INT", 5.0, 2.0, optional=True),
-    Row("EKF_STATUS_REPORT", 2.0, 1.0, (_ARDUPILOT,), optional=True),
+    Row("ATTITUDE", "attitude", 10.0, stream=10),
+    Row("LOCAL_POSITION_NED", "position", 4.0, stream=6),
+    Row("GPS_RAW_INT", 5.0, 2.0, optional=True, stream=2),
+    Row("EKF_STATUS_REPORT", 2.0, 1.0, (_ARDUPILOT,), optional=True, stream=12),
     Row("ESTIMATOR_STATUS", 2.0, 1.0, (_PX4,), optional=True),
-    Row("SCALED_PRESSURE", 10.0, 2.0, optional=True),
+    Row("SCALED_PRESSURE", 10.0, 2.0, optional=True, stream=1),
     Row("EXTENDED_SYS_STATE", 1.0, 1.0, optional=True),
-    Row("SCALED_IMU2", "half the imu", 5.0, optional=True),
-    Row("VIBRATION", 2.0, 1.0, optional=True),
-    Row("GLOBAL_POSITION_INT", 5.0, 1.0),
+    Row("SCALED_IMU2", "half the imu", 5.0, optional=True, stream=1),
+    Row("VIBRATION", 2.0, 1.0, optional=True, stream=12),
+    Row("GLOBAL_POSITION_INT", 5.0, 1.0, stream=6),
     Row("ODOMETRY", 5.0, 0.0, (_PX4,), optional=True),  # 245 bytes: resets and variances
-    Row("GPS2_RAW", 5.0, 0.0, optional=True),
-    Row("SCALED_IMU3", "half the imu", 0.0, optional=True),
+    Row("GPS2_RAW", 5.0, 0.0, optional=True, stream=2),
+    Row("SCALED_IMU3", "half the imu", 0.0, optional=True, stream=1),
     Row("ATTITUDE_TARGET", 5.0, 0.0, optional=True),
     # ArduPilot's HIGHRES_IMU are floats, but perhaps of another IMU than 0, PX4's of the one that its EKF selected:
     # with the first message beside it that shows. The same sensor twice is what a slow line goes without first.
@@ -68,6 +69,9 @@ Few different rates: ArduPilot keeps ten intervals for a link, and takes the nea
 
 OPTIONAL = frozenset(row.name for row in TABLE if row.optional)
 """Messages that many vehicles have no sensor for."""
+
+STREAMS = {row.name: row.stream for row in TABLE if row.stream}
+"""Message → MAV_DATA_STREAM."""
 
 _FRAME_BYTES = 12  # MAVLink 2: header and CRC
 _SHARE = 0.7  # of a line's bytes that we may fill: others use it too

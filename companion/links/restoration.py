@@ -12,8 +12,8 @@ from math import ceil
 
 from companion.links import requests
 from companion.links.original_rates import OriginalRate, OriginalRatesFile, is_same
+from companion.links.request_table import STREAMS
 from companion.links.requests import Request, Target
-from companion.links.stream_request import STREAMS
 from companion.mavlink import Messages
 
 _DEFAULT, _STOP = 0, -1  # SET_MESSAGE_INTERVAL

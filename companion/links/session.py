@@ -16,8 +16,7 @@ from companion.links.requests import Target
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState
 from companion.links.vehicle_facts import Clock
-from companion.links.vehicle_session import VehicleSession
-from companion.links.vehicles import MOST_VEHICLES, Vehicles
+from companion.links.vehicles import MOST_VEHICLES, Vehicles, VehicleSession
 from companion.mavlink import Frames, Messages, split_messages
 from companion.model import CompanionError
 

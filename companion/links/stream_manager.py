@@ -14,14 +14,13 @@ from collections.abc import Mapping
 
 from companion.links import requests
 from companion.links.original_rates import OriginalRate, OriginalRatesFile
-from companion.links.request_table import OPTIONAL
+from companion.links.request_table import OPTIONAL, STREAMS
 from companion.links.requests import Request, Target, results
 from companion.links.restoration import NOT_SENT, Restoration
 from companion.links.stream_request import (
     ABSENT,
     REFUSES,
     SIGNS,
-    STREAMS,
     WITHOUT,
     Gathered,
     RequestState,
