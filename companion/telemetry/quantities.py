@@ -18,12 +18,10 @@ import numpy.typing as npt
 from companion.model import Array, Series
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.samples import increasing
-from companion.telemetry.sources import COLUMNS, SI, Source
+from companion.telemetry.sources import COLUMNS, NONE_IF_ZERO, SI, Source
 
 Raw = npt.NDArray[Any]
 
-_ABSENT_IF_ZERO = ("magnetometer", "temperature", "gps", "airspeed", "range", "flow", "attitude")
-_NOTED = ("magnetometer", "gps", "airspeed", "range", "flow")  # the others say by it that there is no such sensor
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 
@@ -67,8 +65,8 @@ def raw_series(
                 stated = (units or {}).get(field, "")
                 factors[name] = SI[stated if stated in SI and stated else unit]
                 break
-    silent = row.kind in _ABSENT_IF_ZERO and not any(v.any() for v in raw.values())
-    if silent and raw and len(t) and notes is not None and row.kind in _NOTED and row.noted:
+    silent = row.kind in NONE_IF_ZERO and not any(v.any() for v in raw.values())
+    if silent and raw and len(t) and notes is not None and NONE_IF_ZERO[row.kind] and row.noted:
         notes.append(f"{source} left out as {row.kind}: it is zero throughout")
     return None if not raw or not len(t) or silent else RawSeries(row.kind, source, t, raw, factors, instance)
 

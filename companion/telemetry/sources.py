@@ -112,6 +112,12 @@ COLUMNS = {
 }
 """The columns of each kind, whatever the format. PX4's vibration metrics and flows as angles have their own names."""
 
+NONE_IF_ZERO = dict.fromkeys(("magnetometer", "gps", "airspeed", "range", "flow"), True) | {
+    "temperature": False,
+    "attitude": False,
+}
+"""Kinds of which a source that is zero throughout is none, and whether that is noted."""
+
 _FLOWN = f"x_rad y_rad {_each('gyro_{}_rad', 'xyz')}"
 ANGLES_OF_FLOW = _FLOWN.split()
 """Columns of a flow that comes as angles over an interval."""

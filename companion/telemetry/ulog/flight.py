@@ -19,6 +19,7 @@ from companion.telemetry.events import changes, in_order
 from companion.telemetry.firmware import UNKNOWN, release
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
+from companion.telemetry.quantities import series_of
 from companion.telemetry.sanitize import words
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog.control import actuator_track, control_track
@@ -84,7 +85,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         origin=zero,
         epoch=epoch(topics),
         home=home(topics),
-        series=series,
+        series=series_of(series),
         events=_events(topics),
         parameters=parameters,
         texts=tuple(StatusText(m.stamp * 1e-6, m.level, words(m.text)) for m in log.texts),

@@ -32,29 +32,29 @@ readings before PX4 1.8, the offset of their times.
 """
 
 SELECTED_KINDS = tuple(kind for kind, *_ in _SELECTED)
-_OF_SERIES = ("airspeed", "range", "flow")  # kinds of which every series becomes a track
 
 
-def topic_series(topics: Topics, version: Version, notes: list[str]) -> Mapping[str, Series]:
+def topic_series(topics: Topics, version: Version, notes: list[str]) -> list[RawSeries]:
     """The series of a PX4 log of this version; what is left out is added to the notes."""
 
     def made(row: Source, name: str, topic: Topic, instance: int) -> RawSeries | None:
         # The thermometer is that of vehicle_imu, which is the name of the track.
         source = name.replace("_status", "") if row.kind == "temperature" else name
-        told = notes if row.kind in _OF_SERIES else None
+        told = None if row.kind in SELECTED_KINDS else notes
         return raw_series(row, source, sampled(topic), partial(_column, topic), instance=instance, notes=told)
 
-    return series_of(
+    several = (
         made(row, name, topic, instance)
         for row in (*TOPIC_SOURCES, *covariances(attitude_elements(version)))
         for instance, name, topic in instances(topics, row.name)
     )
+    return [one for one in several if one is not None]
 
 
-def aiding_series(topics: Topics, series: Mapping[str, Series], notes: list[str]) -> Mapping[str, Series]:
+def aiding_series(topics: Topics, series: list[RawSeries], notes: list[str]) -> Mapping[str, Series]:
     """What tracks are made of: of receivers, compasses and barometers one for each device, of other kinds `series`."""
     rows = {(row.name, row.kind): row for row in (*TOPIC_SOURCES, *DRIVER_SOURCES)}
-    parts: list[RawSeries | None] = []
+    parts: list[RawSeries | None] = [one for one in series if one.kind not in SELECTED_KINDS]
     for kind, selected, device, driver, offset in _SELECTED:
         sensors = list(_sensors(topics, selected, device, driver))
         parts += [
@@ -65,8 +65,7 @@ def aiding_series(topics: Topics, series: Mapping[str, Series], notes: list[str]
         if not sensors and offset in combined:
             row, t = rows["sensor_combined", kind], _relative(combined, offset)
             parts.append(raw_series(row, row.name, t, partial(_reading, combined), notes=notes))
-    others = {key: series[key] for key in series if key.partition(":")[0] in _OF_SERIES}
-    return {**series_of(parts), **others}
+    return series_of(parts)
 
 
 def _column(topic: Topic, field: str) -> Raw | None:
