@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +75,13 @@ def odometry_resets(odometry: Messages) -> tuple[EstimatorReset, ...]:
         most = jumped if len(jumped) else [int(np.argmax(seen[n]))]
         resets += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
     return tuple(resets)
+
+
+def lane_changes(t: Array, primary: Index, words: str) -> Iterator[EstimatorReset]:
+    """Where the primary core (N,) is another than before; words: with {before} and {core}."""
+    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
+        before, core = int(primary[i - 1]), int(primary[i])
+        yield EstimatorReset(float(t[i]), "lane", words.format(before=before, core=core), core)
 
 
 def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:

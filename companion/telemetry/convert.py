@@ -36,6 +36,7 @@ from companion.telemetry.samples import (
     attitudes,
     commonest,
     imu_track,
+    ned_about,
     place,
     position_track,
 )
@@ -193,8 +194,7 @@ def home(messages: Messages) -> Origin:
 
 def ned_between(a: Origin, b: Origin) -> Array:
     """Where `b` lies seen from `a`: NED (3,), m."""
-    there = (np.array([b.latitude]), np.array([b.longitude]), np.array([b.height]))
-    return np.asarray(ned_from_geodetic(*there, (a.latitude, a.longitude, a.height))[0])
+    return np.asarray(ned_about(a, *np.array([[b.latitude], [b.longitude], [b.height]]))[0])
 
 
 def parameter_values(messages: Messages, notes: list[str], *, bytewise: bool) -> Array:

@@ -23,7 +23,7 @@ from companion.model import (
     SensorInUse,
     Vehicle,
 )
-from companion.telemetry import convert
+from companion.telemetry import convert, truth
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
 from companion.telemetry.arrival import arrivals
@@ -35,11 +35,10 @@ from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
-from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 from companion.telemetry.validity import valid_position
 
 _TIMED = SENSOR_MESSAGES | {
-    *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
+    *IMU_MESSAGES, *truth.MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
     "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
@@ -151,7 +150,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         imu_in_use=used,
         control=control_track(messages, attitude),
         actuators=actuator_track(messages, flight.parameters),
-        truth=message_truth(messages, flight.origin, position),
+        truth=truth.message_truth(messages, flight.origin, position),
     )
 
 

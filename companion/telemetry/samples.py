@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, ImuTrack, Origin, PositionTrack, SensorInUse, counted, interpolated
+from companion.model import (
+    Array,
+    AttitudeTrack,
+    ImuTrack,
+    Origin,
+    PositionTrack,
+    SensorInUse,
+    counted,
+    interpolated,
+    ned_from_geodetic,
+)
 from companion.telemetry.outliers import BoolArray, Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
 
 Index = npt.NDArray[np.int64] | slice
@@ -127,3 +137,8 @@ def majority(*columns: npt.NDArray[Any]) -> BoolArray:
 def place(latitude: float, longitude: float, height: float, t: float | None = None) -> Origin:
     """Degrees and m, as logs have them."""
     return Origin(float(np.radians(latitude)), float(np.radians(longitude)), float(height), t)
+
+
+def ned_about(origin: Origin, latitude: Array, longitude: Array, height: Array) -> Array:
+    """NED (N, 3) m about an origin, of places (N,) in rad, rad and m."""
+    return ned_from_geodetic(latitude, longitude, height, (origin.latitude, origin.longitude, origin.height))

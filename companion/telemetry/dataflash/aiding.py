@@ -16,6 +16,7 @@ from companion.telemetry.control import actuators_of, control_of, side_by_side
 from companion.telemetry.convert import trim
 from companion.telemetry.dataflash.pose import ekf_origin
 from companion.telemetry.samples import increasing
+from companion.telemetry.sources import SI
 from companion.telemetry.truth import truth_track
 
 OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
@@ -44,7 +45,7 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
         fine = records["SIM2"]
         for i, name in enumerate(("VN", "VE", "VD")):
             velocity[:, i] = np.interp(one.t, fine.t, fine[name], left=np.nan, right=np.nan)
-    place = np.radians(one["Lat"]), np.radians(one["Lng"]), one["Alt"].astype(np.float64)
+    place = one.columns("Lat", "Lng", "Alt") * (SI["deg"], SI["deg"], 1.0)
     return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
 
 

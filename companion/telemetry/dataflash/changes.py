@@ -71,14 +71,9 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
 
 def _lanes(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorReset]:
     """Changes of XKF4.PI."""
-    if (one := primary_cores(records, mine.prefix)) is None:
-        return
-    primary = one["PI"].astype(np.int64)
-    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
-        core = int(primary[i])
-        yield EstimatorReset(
-            float(one.t[i]), "lane", f"the EKF's primary core is {core}, and was {primary[i - 1]}", core
-        )
+    if (one := primary_cores(records, mine.prefix)) is not None:
+        words = "the EKF's primary core is {core}, and was {before}"
+        yield from announced.lane_changes(one.t, one["PI"].astype(np.int64), words)
 
 
 def parameter_changes(records: Mapping[str, Records]) -> tuple[ParameterChange, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
+from companion.telemetry.announced import lane_changes
 from companion.telemetry.samples import commonest, in_use, increasing
 from companion.telemetry.ulog.topics import (
     Topic,
@@ -183,12 +184,9 @@ def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
 
 def _lanes(topics: Topics) -> Iterator[EstimatorReset]:
     """Where another instance of the estimator takes over."""
-    if _SELECTOR not in topics or "primary_instance" not in topics[_SELECTOR]:
-        return
-    t, primary = seconds(topics[_SELECTOR]), np.asarray(topics[_SELECTOR]["primary_instance"]).astype(np.int64)
-    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
-        core = int(primary[i])
-        yield EstimatorReset(float(t[i]), "lane", f"EKF2 instance {primary[i - 1]} → {core}", core=core)
+    if _SELECTOR in topics and "primary_instance" in topics[_SELECTOR]:
+        primary = np.asarray(topics[_SELECTOR]["primary_instance"]).astype(np.int64)
+        yield from lane_changes(seconds(topics[_SELECTOR]), primary, "EKF2 instance {before} → {core}")
 
 
 def _counted(topic: Topic, counter: str) -> Iterator[tuple[float, int, int]]:

@@ -16,7 +16,6 @@ from companion.model import (
     TruthTrack,
     geodetic_from_ned,
     interpolated,
-    ned_from_geodetic,
 )
 from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
@@ -117,9 +116,7 @@ def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]
     if origin is not None and len(known):
         latitude, longitude, height = zero[known[0]]
         there = geodetic_from_ned(at, (np.radians(latitude), np.radians(longitude), height))
-        at = ned_from_geodetic(
-            there[:, 0], there[:, 1], there[:, 2], (origin.latitude, origin.longitude, origin.height)
-        )
+        at = samples.ned_about(origin, *there.T)
     keep = increasing(own, finite(at, speed))
     own, at, speed = own[keep], at[keep], speed[keep]
     if len(own) < 2:
