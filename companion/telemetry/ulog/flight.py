@@ -27,7 +27,7 @@ from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, im
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track, truth
 from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
-from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
+from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -106,7 +106,7 @@ def _vehicle(
     parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], firmware: str
 ) -> Vehicle:
     kind = identity(parameters, "MAV_TYPE", otherwise=-1)
-    if kind not in vehicle_types and "system_type" in (status := topics.get("vehicle_status", {})):
+    if kind not in vehicle_types and (status := topics.get("vehicle_status")) is not None and "system_type" in status:
         kind = int(status["system_type"][-1])  # what the autopilot made of it
     return Vehicle(
         identity(parameters, "MAV_SYS_ID"),
@@ -158,7 +158,7 @@ def _events(topics: Topics) -> tuple[Event, ...]:
     if "vehicle_status" not in topics:
         return ()
     topic = topics["vehicle_status"]
-    t = seconds(topic, "timestamp")
+    t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
     turns = (np.flatnonzero(np.diff(failsafe)) + 1).tolist()

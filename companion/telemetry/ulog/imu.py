@@ -26,18 +26,7 @@ from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
 from companion.telemetry.samples import commonest, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.topics import (
-    Topic,
-    Topics,
-    column,
-    columns,
-    device_ids,
-    finite,
-    instances,
-    sampled,
-    seconds,
-    xyz,
-)
+from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 
 
 def imu_tracks(
@@ -70,10 +59,10 @@ def imu_tracks(
 def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
     """vehicle_imu: increments over dt, of which the means are kept."""
     for instance, name, topic in instances(topics, "vehicle_imu"):
-        gyro_dt, accel_dt = (column(topic, f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
+        gyro_dt, accel_dt = (topic.column(f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
         whole = (gyro_dt > 0) & (accel_dt > 0) & (gyro_dt < LONGEST_WAIT_S)
-        gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
-        accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
+        gyro = topic.array("delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
+        accel = topic.array("delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
         device, other = (_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
         ranges = part_ranges("PX4", device, other)
         track = _track(name, sampled(topic) - gyro_dt / 2, gyro, accel, gyro_dt, whole, notes, ranges)
@@ -82,11 +71,11 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
 
 def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
     """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
-    own = column(topic, "gyro_integral_dt")
+    own = topic.column("gyro_integral_dt")
     own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
-    t = seconds(topic) - own / 2
+    t = topic.seconds() - own / 2
     good = (own >= 0.0) & (own < LONGEST_WAIT_S)
-    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, good, notes)
+    return _track("sensor_combined", t, topic.array("gyro_rad"), topic.array("accelerometer_m_s2"), own, good, notes)
 
 
 def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str]) -> Iterator[ImuTrack]:
@@ -94,13 +83,13 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     if not {"vehicle_angular_velocity", "vehicle_acceleration"} <= topics.keys():
         return
     turning, pushed = topics["vehicle_angular_velocity"], topics["vehicle_acceleration"]
-    own, rate = sampled(turning), xyz(turning, "xyz")
+    own, rate = sampled(turning), turning.array("xyz")
     keep = increasing(own, finite(rate))
     own, rate, t = own[keep], rate[keep], sampled(pushed)
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
         gyro = interpolated(t, own, rate)
-        track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
+        track = _track("vehicle_angular_velocity", t, gyro, pushed.array("xyz"), np.zeros(len(t)), within, notes)
         gyro_hz, accel_hz = (parameters.get(name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
         yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
@@ -122,7 +111,7 @@ def _track(
 
 def _device(topic: Topic, field: str) -> int:
     """The device that most rows are of; 0 where none is told."""
-    devices = device_ids(topic, field)
+    devices = topic.ids(field)
     return commonest(devices[devices != 0])
 
 
@@ -174,7 +163,7 @@ def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance:
     wanted = {gyro.device_id}
     for number, _, topic in instances(topics, "vehicle_imu"):
         if number == instance:
-            wanted |= set(device_ids(topic, "accel_device_id").tolist())
+            wanted |= set(topic.ids("accel_device_id").tolist())
     return next((one for one in accels if one.device_id in wanted and len(one.t) > 1), None)
 
 
@@ -190,7 +179,7 @@ def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | N
 
 def _sensors(topics: Topics, of: str, kind: str, parameters: Mapping[str, float]) -> Iterator[_Readings]:
     for _, name, topic in instances(topics, of):
-        devices = device_ids(topic, "device_id")
+        devices = topic.ids("device_id")
         device = int(devices[-1]) if len(devices) else 0
         t, values, interval, most = _fifo(topic) if of.endswith("fifo") else _driver(topic)
         keep = increasing(t, np.isfinite(t) & finite(values))
@@ -203,24 +192,24 @@ def _driver(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
 
     A sample made of several of the FIFO is their mean since the last message, and stamped with the last of them.
     """
-    t, samples = sampled(topic), column(topic, "samples")
+    t, samples = sampled(topic), topic.column("samples")
     interval = None
     if len(t) > 1 and np.nanmedian(np.append(samples, 1.0)) > 1:
         interval = np.diff(t, prepend=2 * t[0] - t[1])
         interval = np.where((interval > 0) & (interval < 3 * np.median(interval)), interval, np.median(interval))
         t = t - interval / 2
-    return t, columns(topic, "x", "y", "z"), interval, None
+    return t, topic.columns("x", "y", "z"), interval, None
 
 
 def _fifo(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
     """The same of a FIFO: every sample an instant, the last of a message at timestamp_sample, dt (µs) between them."""
-    count = np.clip(np.nan_to_num(column(topic, "samples")), 0, _FIFO_MOST).astype(np.intp)
-    dt, scale = column(topic, "dt") * 1e-6, column(topic, "scale")
+    count = np.clip(np.nan_to_num(topic.column("samples")), 0, _FIFO_MOST).astype(np.intp)
+    dt, scale = topic.column("dt") * 1e-6, topic.column("scale")
     row = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     dt = np.where((dt >= 0.0) & (dt * _FIFO_MOST < LONGEST_WAIT_S), dt, np.nan)
     t = sampled(topic)[row] - (count[row] - 1 - place) * dt[row]
-    raw = [columns(topic, *(f"{axis}[{i}]" for i in range(_FIFO_MOST)))[row, place] for axis in "xyz"]
+    raw = [topic.array(axis, range(_FIFO_MOST))[row, place] for axis in "xyz"]
     most = float(np.nanmedian(scale)) * _FULL_SCALE if np.isfinite(scale).any() else None
     return t, np.column_stack(raw) * scale[row, None], None, most
 

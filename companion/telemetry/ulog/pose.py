@@ -20,7 +20,7 @@ from companion.model import (
 from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.samples import attitudes, increasing
-from companion.telemetry.ulog.topics import Topic, Topics, column, columns, finite, flag, sampled, seconds, xyz
+from companion.telemetry.ulog.topics import Topic, Topics, finite, sampled
 
 
 def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
@@ -32,13 +32,13 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
         return None
     topic = topics["vehicle_attitude"]
     t = sampled(topic)
-    q = columns(topic, *(f"q[{i}]" for i in range(4)))
+    q = topic.array("q", range(4))
     keep, t, q = attitudes(t, q)
     body, rates = topics.get("vehicle_angular_velocity"), None
     if body is not None:
-        rates = np.nan_to_num(interpolated(t, sampled(body), xyz(body, "xyz")))
+        rates = np.nan_to_num(interpolated(t, sampled(body), body.array("xyz")))
     elif "rollspeed" in topic:
-        rates = np.nan_to_num(columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep])
+        rates = np.nan_to_num(topic.columns("rollspeed", "pitchspeed", "yawspeed")[keep])
     return samples.attitude_track("vehicle_attitude", t, q, rates, notes)
 
 
@@ -48,32 +48,32 @@ def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
         return None
     topic = topics["vehicle_local_position"]
     t = sampled(topic)
-    position, velocity = columns(topic, "x", "y", "z"), columns(topic, "vx", "vy", "vz")
-    valid = np.logical_and.reduce([flag(topic, name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")])
+    position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
+    valid = np.logical_and.reduce([topic.flag(name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")])
     return samples.position_track("vehicle_local_position", t, position, velocity, valid, notes)
 
 
 def origin(topics: Topics) -> Origin | None:
     """The reference point of vehicle_local_position, where it says that it is global."""
-    return _place(topics.get("vehicle_local_position", {}), "xy_global", ("ref_lat", "ref_lon", "ref_alt"), 0)
+    return _place(topics.get("vehicle_local_position"), "xy_global", ("ref_lat", "ref_lon", "ref_alt"), 0)
 
 
 def home(topics: Topics) -> Origin | None:
     """The last home_position that calls itself valid."""
-    return _place(topics.get("home_position", {}), "valid_hpos", ("lat", "lon", "alt"), -1)
+    return _place(topics.get("home_position"), "valid_hpos", ("lat", "lon", "alt"), -1)
 
 
-def _place(topic: Topic, valid: str, names: tuple[str, str, str], which: int) -> Origin | None:
+def _place(topic: Topic | None, valid: str, names: tuple[str, str, str], which: int) -> Origin | None:
     """One of the rows that are valid."""
-    known = np.flatnonzero(np.asarray(topic.get(valid, ())))
-    return samples.place(*(float(topic[name][known[which]]) for name in names)) if len(known) else None
+    known = [] if topic is None or valid not in topic else np.flatnonzero(topic[valid]).tolist()
+    return samples.place(*(float(topic[name][known[which]]) for name in names)) if known and topic is not None else None
 
 
 def epoch(topics: Topics) -> Epoch | None:
     """By the receiver's UTC; zero where it does not know it yet."""
     for name in ("vehicle_gps_position", "sensor_gps"):
         if name in topics and "time_utc_usec" in topics[name]:
-            return epoch_of(seconds(topics[name], "time_utc_usec"), seconds(topics[name], "timestamp"), "GPS")
+            return epoch_of(topics[name].seconds("time_utc_usec"), topics[name].seconds("timestamp"), "GPS")
     return None
 
 
@@ -89,7 +89,7 @@ def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:
     if "vehicle_attitude_groundtruth" not in topics:
         return None
     topic = topics["vehicle_attitude_groundtruth"]
-    t, q = sampled(topic), columns(topic, *(f"q[{i}]" for i in range(4)))
+    t, q = sampled(topic), topic.array("q", range(4))
     _, t, q = attitudes(t, q)
     if not len(t):
         return None
@@ -103,15 +103,15 @@ def _faults(topics: Topics) -> tuple[float, ...]:
     topic = topics.get("rfly_ctrl_lxl")
     if topic is None or "id" not in topic:
         return ()
-    on = np.flatnonzero(np.diff((column(topic, "id") != 0.0).astype(np.int8), prepend=0) > 0)
-    return tuple(seconds(topic)[on].tolist())
+    on = np.flatnonzero(np.diff((topic.column("id") != 0.0).astype(np.int8), prepend=0) > 0)
+    return tuple(topic.seconds()[on].tolist())
 
 
 def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]:
     """Velocity and position (N, 3) at times t (N,)."""
-    own, at = sampled(topic), columns(topic, "x", "y", "z")
-    speed = columns(topic, "vx", "vy", "vz")
-    zero = columns(topic, "ref_lat", "ref_lon", "ref_alt")
+    own, at = sampled(topic), topic.columns("x", "y", "z")
+    speed = topic.columns("vx", "vy", "vz")
+    zero = topic.columns("ref_lat", "ref_lon", "ref_alt")
     known = np.flatnonzero(np.isfinite(zero).all(axis=1) & zero[:, :2].any(axis=1))
     if origin is not None and len(known):
         latitude, longitude, height = zero[known[0]]

@@ -17,7 +17,7 @@ from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
 from companion.telemetry.sources import DRIVER_SOURCES, SI, TOPIC_SOURCES, Source, covariances
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.estimator import Version, attitude_elements
-from companion.telemetry.ulog.topics import Topic, Topics, column, device_ids, flag, instances, sampled, seconds
+from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
 
 _EXTRAPOLATED = 8  # fix_type of PX4: the receiver goes on from its last fix
 _HECTOPASCAL = 2000.0  # below it a pressure is in hPa (before PX4 1.14): no air weighs more or, in Pa, less
@@ -61,8 +61,8 @@ def aiding_series(topics: Topics, series: list[RawSeries], notes: list[str]) -> 
             raw_series(rows[of, kind], name, sampled(topic), partial(_reading, topic), instance=instance, notes=notes)
             for of, instance, name, topic in sensors
         ]
-        combined = topics.get("sensor_combined", {})
-        if not sensors and offset in combined:
+        combined = topics.get("sensor_combined")
+        if not sensors and combined is not None and offset in combined:
             row, t = rows["sensor_combined", kind], _relative(combined, offset)
             parts.append(raw_series(row, row.name, t, partial(_reading, combined), notes=notes))
     return series_of(parts)
@@ -79,11 +79,11 @@ def _reading(topic: Topic, field: str) -> Array | None:
     """A field of a sensor, NaN where it does not count."""
     if field not in topic:
         return None
-    values = column(topic, field)
+    values = topic.column(field)
     if field == "fix_type":
         values[values == _EXTRAPOLATED] = 1.0
     elif field.startswith("vel_") and field != "vel_m_s":
-        values[~flag(topic, "vel_ned_valid")] = np.nan
+        values[~topic.flag("vel_ned_valid")] = np.nan
     elif field == "pressure" and np.isfinite(values).any() and np.nanmedian(values) < _HECTOPASCAL:
         values *= SI["hPa"]
     return values
@@ -95,10 +95,10 @@ def _sensors(topics: Topics, selected: str, device: str, driver: str) -> Iterato
     any_selected = False
     for instance, name, topic in instances(topics, selected):
         any_selected = True
-        devices |= set(np.unique(device_ids(topic, device)).tolist())
+        devices |= set(np.unique(topic.ids(device)).tolist())
         yield selected, instance, name, topic
     for instance, name, topic in instances(topics, driver):
-        own = set(np.unique(device_ids(topic, "device_id")).tolist())
+        own = set(np.unique(topic.ids("device_id")).tolist())
         known = 0 not in devices | own  # without ids the driver may be the selected one
         if not any_selected or (known and not own & devices):
             yield driver, instance, name, topic
@@ -107,4 +107,4 @@ def _sensors(topics: Topics, selected: str, device: str, driver: str) -> Iterato
 def _relative(topic: Topic, field: str) -> Array:
     """Times that sensor_combined tells as an offset from its own; NaN where there is no reading (2³¹ - 1 µs)."""
     offset = np.asarray(topic[field], np.float64) * 1e-6
-    return np.where(np.abs(offset) < LONGEST_WAIT_S, seconds(topic) + offset, np.nan)
+    return np.where(np.abs(offset) < LONGEST_WAIT_S, topic.seconds() + offset, np.nan)
