@@ -10,12 +10,12 @@ from companion.links.request_table import TABLE, Row, with_every_imu
 from companion.mavlink import load_dialect
 from companion.model import IMU_MESSAGES
 from companion.telemetry import NEEDED, RECORDS, TOPICS
-from companion.telemetry.convert import SI
 from companion.telemetry.sources import (
     COLUMNS,
     DRIVER_SOURCES,
     MESSAGE_SOURCES,
     RECORD_SOURCES,
+    SI,
     TOPIC_SOURCES,
     Source,
     covariances,
