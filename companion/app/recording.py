@@ -25,7 +25,7 @@ from companion.telemetry import (
     NEEDED,
     RECORDS,
     TOPICS,
-    Bystander,
+    NonVehicle,
     dataflash_flight,
     flights,
     ulog_flight,
@@ -61,7 +61,7 @@ class Recording:
 
     source: Source
     flights: tuple[Flight, ...]
-    bystanders: tuple[Bystander, ...] = ()  # who speaks in it and is no vehicle
+    bystanders: tuple[NonVehicle, ...] = ()  # who speaks in it and is no vehicle
     no_flight: str = "no vehicle found: it has no telemetry of an autopilot"  # why, where there are no flights
 
     @property

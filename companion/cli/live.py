@@ -241,9 +241,9 @@ class StatusLine:
 
     def show(self) -> None:
         """Say what the session has to say, and the status when it is time."""
-        for sentence in self._session.said:
+        for sentence in self._session.reported:
             say(f"\r\x1b[K{sentence}" if self._terminal else sentence)
-        self._session.said.clear()
+        self._session.reported.clear()
         now = time.monotonic()
         if now - self._shown >= (_TERMINAL_S if self._terminal else _LOG_S):
             self._shown = now
@@ -263,11 +263,11 @@ class StatusLine:
             parts.append(problem)
         if session.rates is not None:
             parts += [
-                f"{w.name} {w.received_hz:.0f}/{w.wanted_hz:.0f} Hz" for w in session.rates.stream_requests if w.count
+                f"{w.name} {w.received_hz:.0f}/{w.desired_hz:.0f} Hz" for w in session.rates.stream_requests if w.count
             ]
         if health.unsigned or health.wrongly_signed:
             parts.append(f"{health.unsigned + health.wrongly_signed} not signed with our key")
-        several = len(session.asked) > 1
+        several = len(session.requested) > 1
         parts += [f"{who} lost {share:.1%}" if several else f"lost {share:.1%}" for who, share in session.lost.items()]
         if (clock := session.report().clock) is not None:
             parts.append(f"latency {clock.latency_ms:.0f} ms")

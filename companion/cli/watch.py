@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
             session.step()
             session.beside(lines.show)
         restored = session.leave()
-        for sentence in session.said:
+        for sentence in session.reported:
             live.say(sentence)
     if not link.health.frames:
         return live.nothing_received()
@@ -107,9 +107,9 @@ class _Lines:
 
     def show(self) -> None:
         """Say what is new."""
-        for sentence in self._session.said:
+        for sentence in self._session.reported:
             live.say(sentence)
-        self._session.said.clear()
+        self._session.reported.clear()
         opinion, now = self._verdict.opinion, time.monotonic()
         if opinion is self._seen and now < self._due:
             return

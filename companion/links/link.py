@@ -42,7 +42,7 @@ class LinkHealth:
 
     bytes: int = 0
     frames: int = 0
-    heard: dict[tuple[int, int], int] = field(default_factory=dict)  # (sysid, compid) → frames
+    received: dict[tuple[int, int], int] = field(default_factory=dict)  # (sysid, compid) → frames
     lost: dict[tuple[int, int], int] = field(default_factory=dict)  # ... → frames missing by sequence
     signers: set[tuple[int, int]] = field(default_factory=set)  # ... that sign, where no key is set
     sent: dict[str, int] = field(default_factory=dict)  # message name → how many the companion has sent
@@ -211,13 +211,13 @@ class Link:
             ahead = max(int(place.max()), 0)
             missing = ahead - int((step != 0).sum())
             self.health.lost[ids] = max(self.health.lost.get(ids, 0) + missing, 0)
-            self.health.heard[ids] = self.health.heard.get(ids, 0) + len(seq)
+            self.health.received[ids] = self.health.received.get(ids, 0) + len(seq)
             self._remember_lost(ids)
             self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
-        heard = self.health.heard
-        if len(heard) > 2 * _MOST_SENDERS:
-            for ids in sorted(heard, key=heard.__getitem__)[:-_MOST_SENDERS]:
-                for counts in (heard, self.health.lost, self._sequence, self._counted):
+        received = self.health.received
+        if len(received) > 2 * _MOST_SENDERS:
+            for ids in sorted(received, key=received.__getitem__)[:-_MOST_SENDERS]:
+                for counts in (received, self.health.lost, self._sequence, self._counted):
                     counts.pop(ids, None)
 
     def _remember_lost(self, ids: tuple[int, int]) -> None:

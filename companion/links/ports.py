@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypeVar
 
 from companion.model import InputError, nearest_word
 
@@ -100,19 +101,25 @@ class Port(Protocol):
         """Give the port back."""
 
 
+Connection = TypeVar("Connection")
+
+
 class BackOff:
     """When to try again."""
 
     def __init__(self) -> None:
-        self._pause, self._longest = _BACK_OFF_S
-        self._next = 0.0
+        self._pause, self._next = _BACK_OFF_S[0], 0.0
 
-    def due(self) -> bool:
-        return time.monotonic() >= self._next
-
-    def remaining(self) -> float:
-        return max(self._next - time.monotonic(), 0.0)
-
-    def failed(self) -> None:
-        self._next = time.monotonic() + self._pause
-        self._pause = min(2 * self._pause, self._longest)
+    def attempt(self, connect: Callable[[], Connection], timeout_s: float) -> Connection | None:
+        """Try to come back; None where that fails, or after a sleep where it is too early for it."""
+        if (left := self._next - time.monotonic()) > 0:
+            time.sleep(min(timeout_s, left))
+            return None
+        try:
+            connected = connect()
+        except (OSError, ValueError):  # pyserial's are both
+            self._next = time.monotonic() + self._pause
+            self._pause = min(2 * self._pause, _BACK_OFF_S[1])
+            return None
+        self._pause, self._next = _BACK_OFF_S[0], 0.0
+        return connected

@@ -9,7 +9,7 @@ from typing import Literal
 from companion.mavlink import Dialect
 from companion.model import IMU_MESSAGES
 
-Wanted = dict[str, float]
+Desired = dict[str, float]
 """Message name → Hz, the most important first."""
 
 
@@ -22,6 +22,7 @@ class Row:
     least_hz: float  # that a slow line leaves of it; 0: it is left out
     autopilots: tuple[str, ...] = ()  # that have it; (): all
     optional: bool = False  # many vehicles have no such sensor: its absence is said once, in one sentence with others
+    stream: int = 0  # MAV_DATA_STREAM of ArduPilot that carries it: 1 RAW_SENSORS, 2 EXTENDED_STATUS, 6 POSITION, ...
 
     def rate(self, rates: Mapping[str, float]) -> float:
         """Hz."""
@@ -32,21 +33,21 @@ _ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
 
 _ROWS = (
     # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent witness.
-    Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER)),
+    Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER), stream=1),
     Row("SCALED_IMU", "imu", 10.0, (_PX4, _OTHER)),
-    Row("ATTITUDE", "attitude", 10.0),
-    Row("LOCAL_POSITION_NED", "position", 4.0),
-    Row("GPS_RAW_INT", 5.0, 2.0, optional=True),
-    Row("EKF_STATUS_REPORT", 2.0, 1.0, (_ARDUPILOT,), optional=True),
+    Row("ATTITUDE", "attitude", 10.0, stream=10),
+    Row("LOCAL_POSITION_NED", "position", 4.0, stream=6),
+    Row("GPS_RAW_INT", 5.0, 2.0, optional=True, stream=2),
+    Row("EKF_STATUS_REPORT", 2.0, 1.0, (_ARDUPILOT,), optional=True, stream=12),
     Row("ESTIMATOR_STATUS", 2.0, 1.0, (_PX4,), optional=True),
-    Row("SCALED_PRESSURE", 10.0, 2.0, optional=True),
+    Row("SCALED_PRESSURE", 10.0, 2.0, optional=True, stream=1),
     Row("EXTENDED_SYS_STATE", 1.0, 1.0, optional=True),
-    Row("SCALED_IMU2", "half the imu", 5.0, optional=True),
-    Row("VIBRATION", 2.0, 1.0, optional=True),
-    Row("GLOBAL_POSITION_INT", 5.0, 1.0),
+    Row("SCALED_IMU2", "half the imu", 5.0, optional=True, stream=1),
+    Row("VIBRATION", 2.0, 1.0, optional=True, stream=12),
+    Row("GLOBAL_POSITION_INT", 5.0, 1.0, stream=6),
     Row("ODOMETRY", 5.0, 0.0, (_PX4,), optional=True),  # 245 bytes: resets and variances
-    Row("GPS2_RAW", 5.0, 0.0, optional=True),
-    Row("SCALED_IMU3", "half the imu", 0.0, optional=True),
+    Row("GPS2_RAW", 5.0, 0.0, optional=True, stream=2),
+    Row("SCALED_IMU3", "half the imu", 0.0, optional=True, stream=1),
     Row("ATTITUDE_TARGET", 5.0, 0.0, optional=True),
     # ArduPilot's HIGHRES_IMU are floats, but perhaps of another IMU than 0, PX4's of the one that its EKF selected:
     # with the first message beside it that shows. The same sensor twice is what a slow line goes without first.
@@ -69,36 +70,39 @@ Few different rates: ArduPilot keeps ten intervals for a link, and takes the nea
 OPTIONAL = frozenset(row.name for row in TABLE if row.optional)
 """Messages that many vehicles have no sensor for."""
 
+STREAMS = {row.name: row.stream for row in TABLE if row.stream}
+"""Message → MAV_DATA_STREAM."""
+
 _FRAME_BYTES = 12  # MAVLink 2: header and CRC
 _SHARE = 0.7  # of a line's bytes that we may fill: others use it too
 
 
-def wanted_from(
+def desired_from(
     autopilot: str, *, imu_hz: float = 100.0, attitude_hz: float = 50.0, position_hz: float = 20.0
-) -> Wanted:
+) -> Desired:
     """What to ask of an autopilot (MAV_AUTOPILOT without prefix): what the analysis uses of what it may have."""
     rates = {"imu": imu_hz, "half the imu": max(imu_hz / 2, 1.0), "attitude": attitude_hz, "position": position_hz}
     known = autopilot if autopilot in (_ARDUPILOT, _PX4) else _OTHER
     return {row.name: row.rate(rates) for row in TABLE if not row.autopilots or known in row.autopilots}
 
 
-def load(wanted: Mapping[str, float], dialect: Dialect) -> float:
-    """Bytes per second of the wanted messages, as MAVLink 2."""
-    return sum(hz * _size(name, dialect) for name, hz in wanted.items())
+def load(desired: Mapping[str, float], dialect: Dialect) -> float:
+    """Bytes per second of the desired messages, as MAVLink 2."""
+    return sum(hz * _size(name, dialect) for name, hz in desired.items())
 
 
-def fit(wanted: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Wanted, str]:
+def fit(desired: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Desired, str]:
     """What of it a line carries, and a sentence when that is less.
 
     From the last row of the table to the first each message is lowered as far as is needed, to its least rate or out
     of the list; so the IMU is the last to suffer. Where even the least rates are too much, all are lowered alike.
     bytes_per_second: of the line; None when it has no limit that we know. What the dialect lacks is not asked for.
     """
-    wanted = {name: hz for name, hz in wanted.items() if name in dialect.by_name}
-    needed = load(wanted, dialect)
+    desired = {name: hz for name, hz in desired.items() if name in dialect.by_name}
+    needed = load(desired, dialect)
     if bytes_per_second is None or needed <= _SHARE * bytes_per_second:
-        return wanted, ""
-    left, over = dict(wanted), needed - _SHARE * bytes_per_second
+        return desired, ""
+    left, over = dict(desired), needed - _SHARE * bytes_per_second
     for row in reversed(TABLE):
         if row.name in left and over > 0:
             hz, size = left[row.name], _size(row.name, dialect)
@@ -111,7 +115,7 @@ def fit(wanted: Mapping[str, float], dialect: Dialect, bytes_per_second: float |
         left = {name: hz * share for name, hz in left.items()}
     return left, (
         f"the line carries {bytes_per_second:,.0f} bytes/s and the wanted messages need {needed:,.0f}: "
-        f"{_changes(wanted, left)}. Use a faster baud rate."
+        f"{_changes(desired, left)}. Use a faster baud rate."
     )
 
 
@@ -119,8 +123,8 @@ def _size(name: str, dialect: Dialect) -> int:
     return dialect.by_name[name].max_length + _FRAME_BYTES
 
 
-def _changes(wanted: Mapping[str, float], left: Mapping[str, float]) -> str:
-    out = [name for name in wanted if name not in left]
-    slower = [f"{name} {left[name]:.3g} of {hz:g} Hz" for name, hz in wanted.items() if left.get(name, hz) < hz]
+def _changes(desired: Mapping[str, float], left: Mapping[str, float]) -> str:
+    out = [name for name in desired if name not in left]
+    slower = [f"{name} {left[name]:.3g} of {hz:g} Hz" for name, hz in desired.items() if left.get(name, hz) < hz]
     parts = [f"left out: {', '.join(out)}"] if out else []
     return "; ".join(parts + ([f"lowered: {', '.join(slower)}"] if slower else []))

@@ -12,8 +12,8 @@ from math import ceil
 
 from companion.links import requests
 from companion.links.original_rates import OriginalRate, OriginalRatesFile, is_same
+from companion.links.request_table import STREAMS
 from companion.links.requests import Request, Target
-from companion.links.stream_request import STREAMS
 from companion.mavlink import Messages
 
 _DEFAULT, _STOP = 0, -1  # SET_MESSAGE_INTERVAL
@@ -90,7 +90,7 @@ class Restoration:
             rates[STREAMS[name]] = max(rates.get(STREAMS[name], 0), _whole(one.found_hz))
         return restoring + [requests.request_stream(self._target, stream, hz) for stream, hz in rates.items()]
 
-    def hear(self, messages: Mapping[str, Messages], own_sysid: int) -> None:
+    def receive(self, messages: Mapping[str, Messages], own_sysid: int) -> None:
         """Take what the vehicle sent after a request."""
         self._streams.clear()  # nobody acknowledges a stream: that the vehicle is heard has to do
         if "MESSAGE_INTERVAL" in messages:

@@ -33,14 +33,8 @@ class SerialPort:
 
     def wait(self, timeout_s: float) -> bool:
         if self._serial is None:
-            if not self._retry.due():
-                time.sleep(min(timeout_s, self._retry.remaining()))
-                return False
-            try:
-                self._serial = self._open()
-                self._retry = BackOff()
-            except (OSError, ValueError):
-                self._retry.failed()
+            self._serial = self._retry.attempt(self._open, timeout_s)
+            if self._serial is None:
                 return False
         # pyserial's own waiting, because Windows cannot select on a serial line.
         until = time.monotonic() + timeout_s

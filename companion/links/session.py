@@ -11,13 +11,12 @@ from companion.links import requests
 from companion.links.link import Link
 from companion.links.original_rates import OriginalRatesFile, original_rates_path
 from companion.links.recorder import Recorder
-from companion.links.request_table import fit, wanted_from
+from companion.links.request_table import desired_from, fit
 from companion.links.requests import Target
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState
 from companion.links.vehicle_facts import Clock
-from companion.links.vehicle_session import VehicleSession
-from companion.links.vehicles import MOST_VEHICLES, Vehicles
+from companion.links.vehicles import MOST_VEHICLES, Vehicles, VehicleSession
 from companion.mavlink import Frames, Messages, split_messages
 from companion.model import CompanionError
 
@@ -26,7 +25,7 @@ _HEARTBEAT_S = 1.0
 _LEAVING_S = (0.5, 0.4, 0.3, 0.3)  # to hear that the intervals are restored, at each attempt
 _GATHER_S, _GATHER_CALM_S = 0.02, 0.08  # s, for one decoding: while answers are due, and else
 _SPACING_S = 0.005  # between requests then: a burst would overrun a receive buffer
-_HEARD = (
+_READ = (
     "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
 )  # fmt: skip
@@ -39,7 +38,7 @@ class Arriving:
     """One message that is asked for."""
 
     name: str
-    wanted_hz: float
+    desired_hz: float
     received_hz: float  # over the last 5 s
     state: RequestState
 
@@ -95,8 +94,8 @@ class Session:
     ) -> None:
         self.link = link
         self.recorder = recorder
-        self.asked: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
-        self.said: list[str] = []
+        self.requested: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
+        self.reported: list[str] = []
         self._choice = choice
         self._listeners: list[Callable[[Frames, float], None]] = []
         self._patience_s = patience_s
@@ -106,7 +105,7 @@ class Session:
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
         self._leaving = False
-        self._told_disk = self._told_crowd = False
+        self._reported_disk = self._reported_limit = False
         self._excused: set[str] = set()
 
     def listen(self, listener: Callable[[Frames, float], None]) -> None:
@@ -119,9 +118,9 @@ class Session:
         now = time.monotonic()
         if self.recorder is not None:
             self.recorder.write(frames)
-            if self.recorder.problem and not self._told_disk:
-                self._told_disk = True
-                self.said.append(self.recorder.problem)
+            if self.recorder.problem and not self._reported_disk:
+                self._reported_disk = True
+                self.reported.append(self.recorder.problem)
         self.beside(lambda: self._deal_with(frames, now))
         return frames
 
@@ -139,7 +138,7 @@ class Session:
         """
         now = time.monotonic()
         calm = not (self._leaving or self.link.address.kind == "serial")
-        return _GATHER_CALM_S if calm and not any(a.awaits(now) for a in self.asked.values()) else _GATHER_S
+        return _GATHER_CALM_S if calm and not any(one.awaits(now) for one in self.requested.values()) else _GATHER_S
 
     def beside(self, work: Callable[[], None]) -> None:
         """Do something beside the recording: whatever breaks in it, the next frame is recorded."""
@@ -154,7 +153,7 @@ class Session:
         if len(frames):
             for listener in self._listeners:
                 listener(frames, self._epoch + now)
-            self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
+            self._notice(split_messages(frames, self.link.dialect, _READ), now)
         self._speak(now)
 
     def _excuse(self, error: Exception) -> None:
@@ -163,7 +162,7 @@ class Session:
         if kind not in self._excused:
             self._excused.add(kind)
             _log.debug("beside the recording", exc_info=error)
-            self.said.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
+            self.reported.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
 
     @property
     def lost(self) -> dict[str, float]:
@@ -173,38 +172,38 @@ class Session:
         """
         health = self.link.health
         shares = {}
-        for ids in self._asked_ids:
-            lost, heard = health.lost.get(ids, 0), health.heard.get(ids, 0)
-            shares[f"{ids[0]}:{ids[1]}"] = lost / (lost + heard) if heard else 0.0
+        for ids in self._requested_ids:
+            lost, received = health.lost.get(ids, 0), health.received.get(ids, 0)
+            shares[f"{ids[0]}:{ids[1]}"] = lost / (lost + received) if received else 0.0
         return shares
 
     @property
-    def _asked_ids(self) -> list[tuple[int, int]]:
-        return [(target.sysid, target.compid) for target in self.asked]
+    def _requested_ids(self) -> list[tuple[int, int]]:
+        return [(target.sysid, target.compid) for target in self.requested]
 
     @property
     def rates(self) -> StreamManager | None:
         """Of the first vehicle that is asked."""
-        return next((asked.rates for asked in self.asked.values()), None)
+        return next((vehicle.rates for vehicle in self.requested.values()), None)
 
     def report(self) -> Report:
         """How it stands."""
         link, recorder = self.link, self.recorder
-        several = len(self.asked) > 1
+        several = len(self.requested) > 1
         stream_requests = [
-            (f"{asked.target} {message.name}" if several else message.name, message)
-            for asked in self.asked.values()
-            if asked.rates
-            for message in asked.rates.stream_requests
+            (f"{vehicle.target} {message.name}" if several else message.name, message)
+            for vehicle in self.requested.values()
+            if vehicle.rates
+            for message in vehicle.rates.stream_requests
         ]
-        first = next(iter(self.asked.values()), None)
+        first = next(iter(self.requested.values()), None)
         return Report(
             link=str(link.address),
             problem=link.problem,
             vehicles=tuple(map(str, self.vehicles)),
-            arriving=tuple(Arriving(name, w.wanted_hz, w.received_hz, w.state) for name, w in stream_requests),
+            arriving=tuple(Arriving(name, w.desired_hz, w.received_hz, w.state) for name, w in stream_requests),
             frames=link.health.frames,
-            lost=sum(link.health.lost.get(ids, 0) for ids in self._asked_ids),
+            lost=sum(link.health.lost.get(ids, 0) for ids in self._requested_ids),
             lost_by=self.lost,
             unsigned=link.health.unsigned,
             wrongly_signed=link.health.wrongly_signed,
@@ -222,7 +221,7 @@ class Session:
         self._leaving = True  # nothing is asked any more
         if self.link.listen_only:
             return True
-        restorations = [one.rates.restore() for one in (*self.asked.values(), *self._left) if one.rates]
+        restorations = [one.rates.restore() for one in (*self.requested.values(), *self._left) if one.rates]
         until = time.monotonic()
         for attempt_s in _LEAVING_S:
             until += attempt_s
@@ -233,78 +232,78 @@ class Session:
                 self.step(_SPACING_S)
             while not all(restoration.complete for restoration in restorations) and time.monotonic() < until:
                 self.step(0.02)
-        self.said += [sentence for restoration in restorations if (sentence := restoration.end())]
+        self.reported += [sentence for restoration in restorations if (sentence := restoration.end())]
         return not any(restoration.unconfirmed for restoration in restorations)
 
     def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
-        for target in self._vehicles.hear(messages):
+        for target in self._vehicles.receive(messages):
             self._meet(target, now)
-        if self._vehicles.crowded and not self._told_crowd:
-            self._told_crowd = True
-            self.said.append(
+        if self._vehicles.limited and not self._reported_limit:
+            self._reported_limit = True
+            self.reported.append(
                 f"{MOST_VEHICLES} vehicles are heard, and more: the rest is recorded, but neither asked nor shown, "
                 "unless it sends an IMU or is named by --vehicle"
             )
-        for target, asked in self.asked.items():
-            before = asked.started
-            asked.signs = (target.sysid, target.compid) in self.link.health.signers
-            asked.hear(messages, now)
-            if asked.started is not None and asked.started != before:
-                self.link.restarted((asked.target.sysid, asked.target.compid), asked.started)
-            self.said += asked.said
-            asked.said.clear()
-        for asked in self._left:
-            asked.hear(messages, now)
+        for target, vehicle in self.requested.items():
+            before, ids = vehicle.started, (target.sysid, target.compid)
+            vehicle.signs = ids in self.link.health.signers
+            vehicle.receive(messages, now)
+            if vehicle.started is not None and vehicle.started != before:
+                self.link.restarted(ids, vehicle.started)
+        for vehicle in self._left:
+            vehicle.receive(messages, now)
         self._prefer_imu(now)
 
     def _meet(self, target: Target, now: float) -> None:
         chosen = self._choice.vehicle
-        if chosen == "all" or (not self.asked and (chosen is None or self._choice.names(target))):
+        if chosen == "all" or (not self.requested and (chosen is None or self._choice.names(target))):
             self._take(target, now)
         else:
             name = self.vehicles[target]
-            self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
+            self.reported.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
 
     def _prefer_imu(self, now: float) -> None:
         """Ask a vehicle that sends an IMU in place of one that sends none: anybody can make up heartbeats."""
         if self._choice.vehicle is not None or self._leaving:
             return
-        for asked in list(self.asked.values()):
-            known = {asked.target, *(left.target for left in self._left)}
+        for vehicle in list(self.requested.values()):
+            known = {vehicle.target, *(left.target for left in self._left)}
             better = next((target for target in self._vehicles.with_imu if target not in known), None)
-            if better is not None and not asked.sends_imu and now - asked.found_at > _IMU_WITHIN_S:
-                self.said.append(f"vehicle {asked.target} sends no IMU message, and {better} does: asking that one")
-                self._left.append(self.asked.pop(asked.target))
+            if better is not None and not vehicle.sends_imu and now - vehicle.found_at > _IMU_WITHIN_S:
+                self.reported.append(
+                    f"vehicle {vehicle.target} sends no IMU message, and {better} does: asking that one"
+                )
+                self._left.append(self.requested.pop(vehicle.target))
                 self._take(better, now)
 
     def _take(self, target: Target, now: float) -> None:
         name = self.vehicles[target]
-        self.said.append(f"vehicle {target} ({name}) is heard")
+        self.reported.append(f"vehicle {target} ({name}) is heard")
         rates = None
         if not self.link.listen_only:
             choice = self._choice
-            wanted = wanted_from(
+            desired = desired_from(
                 name, imu_hz=choice.imu_hz, attitude_hz=choice.attitude_hz, position_hz=choice.position_hz
             )
-            fitting, warning = fit(wanted, self.link.dialect, self.link.address.bytes_per_second)
+            fitting, warning = fit(desired, self.link.dialect, self.link.address.bytes_per_second)
             if warning:
-                self.said.append(warning)
+                self.reported.append(warning)
+            path = original_rates_path(str(self.link.address), str(target)) if self._remember else None
             rates = StreamManager(
                 target,
                 fitting,
                 self.link.dialect,
                 own_sysid=self.link.sysid,
                 ardupilot=name != "PX4",
-                earlier=OriginalRatesFile(
-                    original_rates_path(str(self.link.address), str(target)) if self._remember else None
-                ),
+                earlier=OriginalRatesFile(path),
+                reported=self.reported,
             )
             if rates.left_behind:
-                self.said.append(
+                self.reported.append(
                     f"an earlier companion on this link has not restored all message intervals of vehicle {target}: "
                     "they are restored when this one ends"
                 )
-        self.asked[target] = VehicleSession(target, rates, now, self._patience_s)
+        self.requested[target] = VehicleSession(target, rates, self.reported, now, self._patience_s)
 
     def _speak(self, now: float) -> None:
         if now - self._beat >= _HEARTBEAT_S:
@@ -312,9 +311,7 @@ class Session:
             self.link.send(requests.heartbeat())
         if self._leaving:
             return
-        for asked in self.asked.values():
-            for request in asked.next_requests(now):
+        for vehicle in self.requested.values():
+            for request in vehicle.next_requests(now):
                 self.link.send(request)
-            asked.complain(now)
-            self.said += asked.said
-            asked.said.clear()
+            vehicle.complain(now)

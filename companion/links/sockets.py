@@ -41,7 +41,7 @@ class UdpPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._fixed = where if address.kind == "udpout" else None
         self._peers: dict[Any, float] = {}  # address → when it was heard last
-        self._heard = False  # whether anybody ever was
+        self._received = False  # whether anybody ever was
         self._room = memoryview(bytearray(_READ))
         if address.kind == "udpin":
             _bind(self._socket, where, address)
@@ -49,7 +49,7 @@ class UdpPort:
 
     @property
     def problem(self) -> str:
-        return "" if self._heard else "nobody has sent anything yet"
+        return "" if self._received else "nobody has sent anything yet"
 
     def wait(self, timeout_s: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout_s)[0])
@@ -65,7 +65,7 @@ class UdpPort:
             except ConnectionError:  # "port unreachable" came back for something that was sent
                 continue
             self._peers[peer] = time.monotonic()
-            self._heard = True
+            self._received = True
             if len(self._peers) > _PEERS:
                 self._peers.pop(min(self._peers, key=self._peers.__getitem__))
             pieces.append(bytes(self._room[:count]))
@@ -124,14 +124,8 @@ class TcpPort:
 
     def wait(self, timeout_s: float) -> bool:
         if self._socket is None and self._listener is None:
-            if not self._retry.due():
-                time.sleep(min(timeout_s, self._retry.remaining()))
-                return False
-            try:
-                self._socket = self._connect(_RECONNECT_S)
-                self._retry = BackOff()
-            except OSError:
-                self._retry.failed()
+            self._socket = self._retry.attempt(lambda: self._connect(_RECONNECT_S), timeout_s)
+            if self._socket is None:
                 return False
         waiting = [end for end in (self._socket, self._listener) if end is not None]
         ready = select.select(waiting, [], [], timeout_s)[0]

@@ -1,4 +1,4 @@
-"""Asks one vehicle for the messages that are wanted, watches what comes, and gives back what it found.
+"""Asks one vehicle for the messages that are desired, watches what comes, and gives back what it found.
 
 No socket and no clock in here: messages and times go in, requests and sentences come out.
 
@@ -14,14 +14,13 @@ from collections.abc import Mapping
 
 from companion.links import requests
 from companion.links.original_rates import OriginalRate, OriginalRatesFile
-from companion.links.request_table import OPTIONAL
+from companion.links.request_table import OPTIONAL, STREAMS
 from companion.links.requests import Request, Target, results
 from companion.links.restoration import NOT_SENT, Restoration
 from companion.links.stream_request import (
     ABSENT,
     REFUSES,
     SIGNS,
-    STREAMS,
     WITHOUT,
     Gathered,
     RequestState,
@@ -35,7 +34,7 @@ _ANSWER_S = 1.0  # how long an answer may take
 _ATTEMPTS = 4  # for a request that is not answered
 _FIND_ATTEMPTS = 8  # for the present interval of what arrives: without the answer it could not be given back
 _FIND_ATTEMPTS_ABSENT = 2  # ... of what does not arrive
-_AS_OFTEN = 0.8  # of the rate that is wanted: what arrives so often, though nobody says its interval, is left alone
+_AS_OFTEN = 0.8  # of the rate that is desired: what arrives so often, though nobody says its interval, is left alone
 _SPACING_S = 0.02  # between requests: some firmware drops what comes in one burst
 _WINDOW_S = 5.0  # over which an arriving rate is measured
 _ENOUGH = 0.6  # of the messages agreed, less their square root: fewer is "turned down"; a loss of 30 % is not
@@ -49,25 +48,26 @@ _NOT_NOW, _DENIED, _IN_PROGRESS = 1, 2, 5  # MAV_RESULT
 class StreamManager:
     """The stream requests to one vehicle, and the parameters that are read from it. Times in s of any steady clock.
 
-    wanted: message → Hz. own_sysid: answers to others are not ours. earlier: what there was, kept beyond a kill -9.
+    desired: message → Hz. own_sysid: answers to others are not ours. earlier: what there was, kept beyond a kill -9.
     """
 
     def __init__(
         self,
         target: Target,
-        wanted: Mapping[str, float],
+        desired: Mapping[str, float],
         dialect: Dialect,
         *,
         own_sysid: int,
         ardupilot: bool = True,
         earlier: OriginalRatesFile | None = None,
+        reported: list[str] | None = None,
     ) -> None:
         self.target = target
         self.stream_requests = [
-            StreamRequest(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in wanted.items()
+            StreamRequest(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in desired.items()
         ]
         self.signed = False  # whether the vehicle signs, and we have no key
-        self.said: list[str] = []  # for the user; emptied by whoever shows it
+        self.reported: list[str] = [] if reported is None else reported  # for the user; emptied by whoever shows it
         self._own = own_sysid
         self._ardupilot = ardupilot
         self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
@@ -76,7 +76,7 @@ class StreamManager:
         self._next = 0.0
         self._reboots = Reboots()
         self.started: float | None = None  # s, when it has last rebooted
-        self._heard: float | None = None  # s, when the vehicle was heard last
+        self._received: float | None = None  # s, when the vehicle was heard last
         self._streamed: float | None = None  # s, when something that we asked for came last
         self._restarts = 0
         self._gathered = Gathered()
@@ -94,19 +94,19 @@ class StreamManager:
         """Whether every request is agreed or given up."""
         return all(message.state in (RequestState.WATCHING, RequestState.GIVEN_UP) for message in self.stream_requests)
 
-    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+    def receive(self, messages: Mapping[str, Messages], now: float) -> None:
         """Take note of what this vehicle sent, and nobody else."""
         if not messages:
             return
-        if self._heard is not None and now - self._heard > _SILENT_S:
-            self.said.append(f"vehicle {self.target} is back after {now - self._heard:.0f} s: asking again")
+        if self._received is not None and now - self._received > _SILENT_S:
+            self.reported.append(f"vehicle {self.target} is back after {now - self._received:.0f} s: asking again")
             self._start_again()
-        self._heard = now
+        self._received = now
         if self._restoration is not None:
-            self._restoration.hear(messages, self._own)
+            self._restoration.receive(messages, self._own)
             return
         self._notice_reboot(messages, now)
-        self._facts.hear(messages)
+        self._facts.receive(messages)
         self._take_answers(messages, now)
         for message in self.stream_requests:
             if message.name in messages:
@@ -114,13 +114,13 @@ class StreamManager:
                 self._streamed = now
             self._measure(message, now)
         self._notice_end(now)
-        self.said += self._gathered.sentences(now, complete=self.settled)
+        self.reported += self._gathered.sentences(now, complete=self.settled)
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
-        if now < self._next or self._heard is None:
+        if now < self._next or self._received is None:
             return None
-        if now - self._heard > _SILENT_S:
+        if now - self._received > _SILENT_S:
             for message in self.stream_requests:
                 message.received_hz = 0.0
             return None
@@ -160,7 +160,7 @@ class StreamManager:
         earlier = self._earlier.known.get(message.name)
         if earlier is not None:
             message.found_us, message.found_hz, message.ours = earlier.found_us, earlier.found_hz, not earlier.by_stream
-        as_often = message.found_hz >= _AS_OFTEN * message.asked_hz
+        as_often = message.found_hz >= _AS_OFTEN * message.requested_hz
         message.move(RequestState.WATCHING if as_often and earlier is None else RequestState.ASKING, now)
 
     def _ask(self, now: float) -> Request | None:
@@ -181,23 +181,23 @@ class StreamManager:
                 self._note(message)
                 message.ours = True
                 message.attempts, message.due, self._waiting = message.attempts + 1, now + _ANSWER_S, message
-                return requests.set_interval(self.target, message.message_id, round(1e6 / message.asked_hz))
+                return requests.set_interval(self.target, message.message_id, round(1e6 / message.requested_hz))
         return None
 
     def _note(self, message: StreamRequest) -> None:
         """Write down what there was, before it is changed."""
         told = self._earlier.problem
         one = OriginalRate(
-            message.found_us, round(message.found_hz, 1), round(1e6 / message.asked_hz), message.by_stream
+            message.found_us, round(message.found_hz, 1), round(1e6 / message.requested_hz), message.by_stream
         )
         self._earlier.note(message.name, one)
         if self._earlier.problem != told:
-            self.said.append(self._earlier.problem)
+            self.reported.append(self._earlier.problem)
 
     def _ask_stream(self, stream: int) -> Request:
         """A stream carries several messages: the fastest of them says how often."""
         members = (one for one in self.stream_requests if one.by_stream and STREAMS[one.name] == stream)
-        return requests.request_stream(self.target, stream, round(max(one.asked_hz for one in members)))
+        return requests.request_stream(self.target, stream, round(max(one.requested_hz for one in members)))
 
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
         for name, columns in messages.items():
@@ -223,7 +223,7 @@ class StreamManager:
                     message.found_us = interval
                     message.found_hz = message.arriving_hz(now) if interval == NOT_SENT else 0.0
                 # Somebody has it as often already, e.g. PX4's onboard link its attitude: we need not take from them.
-                enough = 0 < interval <= 1e6 / message.asked_hz
+                enough = 0 < interval <= 1e6 / message.requested_hz
                 message.move(RequestState.WATCHING if enough else RequestState.ASKING, 0.0)
 
     def _answered(self, result: int, now: float) -> None:
@@ -233,9 +233,9 @@ class StreamManager:
         self._waiting = None
         if result == requests.ACCEPTED:
             message.move(RequestState.WATCHING, now)
-        elif result == _DENIED and not self._unknown(message) and slower(message.asked_hz) >= _SLOWEST_HZ:
+        elif result == _DENIED and not self._unknown(message) and slower(message.requested_hz) >= _SLOWEST_HZ:
             # perhaps faster than its loop allows
-            message.asked_hz = slower(message.asked_hz)
+            message.requested_hz = slower(message.requested_hz)
             message.move(RequestState.ASKING, now)
         elif result == _NOT_NOW:
             message.due = now + _ANSWER_S  # as if it had not answered
@@ -248,7 +248,7 @@ class StreamManager:
 
     def _refused(self, message: StreamRequest, why: str, now: float) -> None:
         if self._ardupilot and message.name in STREAMS and not message.by_stream:
-            message.by_stream, message.asked_hz = True, message.wanted_hz
+            message.by_stream, message.requested_hz = True, message.desired_hz
             self._gathered.add(message.name, f"{{}}: {why}; asking for its stream instead", now)
             message.move(RequestState.ASKING, now)
         else:
@@ -262,22 +262,22 @@ class StreamManager:
         elapsed = now - message.window
         if elapsed < _WINDOW_S:
             return
-        expected = message.asked_hz * elapsed
+        expected = message.requested_hz * elapsed
         enough = message.count >= _ENOUGH * expected - expected**0.5
         message.received_hz, message.window, message.count = message.count / elapsed, now, 0
         if message.state is RequestState.GIVEN_UP and enough and message.received_hz:
             # e.g. ArduPilot sends all streams at a quarter for as long as parameters are loaded
-            self.said.append(f"{message.name}: {message.received_hz:.0f} Hz arrive again")
+            self.reported.append(f"{message.name}: {message.received_hz:.0f} Hz arrive again")
             message.retries = 0
             message.move(RequestState.WATCHING, now)
         if message.state is not RequestState.WATCHING:
             return
         if not enough:
             self._turned_down(message, now)
-        elif message.asked_hz < message.wanted_hz and not message.retries:
+        elif message.requested_hz < message.desired_hz and not message.retries:
             message.retries = 1  # said once
-            self.said.append(
-                f"{message.name}: {message.wanted_hz:g} Hz is refused, {message.received_hz:.0f} Hz arrive"
+            self.reported.append(
+                f"{message.name}: {message.desired_hz:g} Hz is refused, {message.received_hz:.0f} Hz arrive"
             )
 
     def _turned_down(self, message: StreamRequest, now: float) -> None:
@@ -286,33 +286,33 @@ class StreamManager:
             self._gathered.add(message.name, ABSENT, now)
             message.move(RequestState.GIVEN_UP, now)
             return
-        arrives = f"{message.received_hz:.1f} of {message.asked_hz:.3g} Hz arrive"
+        arrives = f"{message.received_hz:.1f} of {message.requested_hz:.3g} Hz arrive"
         if message.retries >= _RETRIES:
             nothing = WITHOUT.get(message.name, "it has no source")
             overridden = "another program is probably overriding the rate, or the link is too slow"
             why = overridden if message.received_hz else nothing
-            self.said.append(f"{message.name}: {arrives}: {why}; given up")
+            self.reported.append(f"{message.name}: {arrives}: {why}; given up")
             message.move(RequestState.GIVEN_UP, now)
             return
         if not absent:
-            self.said.append(f"{message.name}: {arrives}; asking again")
+            self.reported.append(f"{message.name}: {arrives}; asking again")
         again = RequestState.ASKING if message.ours else RequestState.FINDING  # who asked for what we found has left
         message.move(again, now + (_BACK_OFF_S * 2 ** (message.retries - 1) if message.retries else 0.0))
         message.retries += 1
 
     def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
-        started = self._reboots.hear(messages, now)
+        started = self._reboots.receive(messages, now)
         if started is None:
             return
         self._restarts = 0
         if self._reboots.two_clocks:
-            self.said.append(
+            self.reported.append(
                 f"two clocks speak as vehicle {self.target}: two vehicles with one system id, or an echo of another "
                 "time. Give each vehicle an id of its own (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID)."
             )
             return
         self.started = started
-        self.said.append(f"vehicle {self.target} has rebooted: asking again")
+        self.reported.append(f"vehicle {self.target} has rebooted: asking again")
         self._start_again()
 
     def _notice_end(self, now: float) -> None:
@@ -321,12 +321,12 @@ class StreamManager:
             return
         if any(message.state is RequestState.WATCHING for message in self.stream_requests):
             self._restarts += 1
-            self.said.append(f"vehicle {self.target} sends nothing of what was agreed any more: asking again")
+            self.reported.append(f"vehicle {self.target} sends nothing of what was agreed any more: asking again")
             self._start_again()
 
     def _start_again(self) -> None:
         """Everything that was agreed is gone; what there was before us is what to give back all the same."""
         self._waiting = self._streamed = None
         for message in self.stream_requests:
-            message.asked_hz, message.retries, message.by_stream = message.wanted_hz, 0, False
+            message.requested_hz, message.retries, message.by_stream = message.desired_hz, 0, False
             message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)

@@ -9,21 +9,6 @@ from math import ceil
 _GATHER_S = 20.0  # sentences of one kind are gathered so long: a vehicle that refuses one message refuses several
 _MORE_S = 2.0  # ... and at least so long after the newest
 
-STREAMS = {
-    "RAW_IMU": 1,
-    "SCALED_IMU2": 1,
-    "SCALED_IMU3": 1,
-    "SCALED_PRESSURE": 1,
-    "GPS_RAW_INT": 2,
-    "GPS2_RAW": 2,
-    "LOCAL_POSITION_NED": 6,
-    "GLOBAL_POSITION_INT": 6,
-    "ATTITUDE": 10,
-    "EKF_STATUS_REPORT": 12,
-    "VIBRATION": 12,
-}
-"""Message → MAV_DATA_STREAM (RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1, EXTRA3) of ArduPilot."""
-
 
 class RequestState(Enum):
     """How far a request has come."""
@@ -48,8 +33,8 @@ class StreamRequest:
 
     name: str
     message_id: int
-    wanted_hz: float
-    asked_hz: float  # lower than wanted when the vehicle denied that
+    desired_hz: float
+    requested_hz: float  # lower than wanted when the vehicle denied that
     received_hz: float = 0.0  # over the last 5 s
     found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
     found_hz: float = 0.0  # what arrived before we asked, where the vehicle said no interval

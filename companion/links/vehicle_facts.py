@@ -27,7 +27,7 @@ class Reboots:
         self._boot_s = 0.0
         self._reboots: list[float] = []  # s, when the clock fell lately
 
-    def hear(self, messages: Mapping[str, Messages], now: float) -> float | None:
+    def receive(self, messages: Mapping[str, Messages], now: float) -> float | None:
         """Take what a vehicle sent: when it has started, s of the steady clock `now`, once after it has."""
         started = None
         for columns in messages.values():
@@ -60,24 +60,24 @@ class Facts:
     def __init__(self, target: Target, parameters: Sequence[str]) -> None:
         self._target = target
         self._parameters = dict.fromkeys(parameters, 0)  # not yet known → times asked
-        self._version_asked = 0
+        self._version_requests = 0
         self._next = 0.0
 
-    def hear(self, messages: Mapping[str, Messages]) -> None:
+    def receive(self, messages: Mapping[str, Messages]) -> None:
         """Take note of what the vehicle said."""
         if "PARAM_VALUE" in messages:
             for raw in messages["PARAM_VALUE"]["param_id"].tolist():
                 self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
         if "AUTOPILOT_VERSION" in messages:
-            self._version_asked = _ATTEMPTS["version"]
+            self._version_requests = _ATTEMPTS["version"]
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
         if now < self._next:
             return None
         self._next = now + _SPACING_S
-        if self._version_asked < _ATTEMPTS["version"]:
-            self._version_asked += 1
+        if self._version_requests < _ATTEMPTS["version"]:
+            self._version_requests += 1
             return requests.request_message(self._target, _AUTOPILOT_VERSION)
         for name, times in self._parameters.items():
             if times < _ATTEMPTS["parameter"]:
@@ -109,7 +109,7 @@ class Timesync:
 
     def __init__(self) -> None:
         self._due = 0.0
-        self._asked: deque[int] = deque(maxlen=4)  # ns, questions that may still be answered
+        self._requested: deque[int] = deque(maxlen=4)  # ns, questions that may still be answered
         self._answers: deque[tuple[float, float]] = deque(maxlen=_KEPT)  # s: there and back; vehicle's clock minus ours
         self._first: tuple[float, float] | None = None  # s when, and what the difference was
         self._newest = 0.0
@@ -120,19 +120,19 @@ class Timesync:
         if now < self._due:
             return None
         self._due = now + (_QUICK_S if len(self._answers) < _ENOUGH else _SLOW_S)
-        self._asked.append(int(now * 1e9))
-        return requests.timesync(self._asked[-1])
+        self._requested.append(int(now * 1e9))
+        return requests.timesync(self._requested[-1])
 
     def awaits(self, now: float) -> bool:
         """Whether an answer is due."""
-        return bool(self._asked) and now - self._asked[-1] * 1e-9 < _ANSWER_S
+        return bool(self._requested) and now - self._requested[-1] * 1e-9 < _ANSWER_S
 
-    def hear(self, answers: Messages, now: float) -> None:
+    def receive(self, answers: Messages, now: float) -> None:
         """Take TIMESYNC messages of the vehicle; those that answer somebody else are passed over."""
         for theirs, ours in zip(answers["tc1"].tolist(), answers["ts1"].tolist(), strict=True):
-            if theirs == 0 or ours not in self._asked:
+            if theirs == 0 or ours not in self._requested:
                 continue
-            self._asked.remove(ours)
+            self._requested.remove(ours)
             way = now - ours * 1e-9
             difference = theirs * 1e-9 - (ours * 1e-9 + way / 2)
             if self._answers and abs(difference - self._answers[-1][1]) > _STEP_S:

@@ -1,15 +1,18 @@
-"""Who is on a link: the autopilots that are heard, by their heartbeats, and those of them that send an IMU.
+"""Who is on a link: the autopilots that are heard, by their heartbeats, those that send an IMU, and one that is asked.
 
 Anybody can make up heartbeats, so that both lists are bounded. Who sends an IMU has a place whoever has spoken before.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from companion.links.requests import Target
+from companion.links.requests import Request, Target
+from companion.links.stream_manager import StreamManager
+from companion.links.vehicle_facts import Reboots, Timesync
 from companion.mavlink import Messages
 from companion.model import IMU_MESSAGES
 
@@ -27,11 +30,11 @@ class Vehicles:
 
     def __init__(self, names: Mapping[int, str], chosen: Callable[[Target], bool]) -> None:
         self.known: dict[Target, str] = {}
-        self.crowded = False  # whether more are heard than are known
+        self.limited = False  # whether more are heard than are known
         self._names, self._chosen = names, chosen
         self._imu_senders: dict[Target, None] = {}
 
-    def hear(self, messages: Mapping[str, Messages]) -> list[Target]:
+    def receive(self, messages: Mapping[str, Messages]) -> list[Target]:
         """Take what has arrived: the vehicles that are heard for the first time."""
         for name in IMU_MESSAGES:
             if name in messages and len(self._imu_senders) < MOST_VEHICLES:
@@ -51,8 +54,75 @@ class Vehicles:
             if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.known:
                 continue
             if len(self.known) >= MOST_VEHICLES and not (target in self._imu_senders or self._chosen(target)):
-                self.crowded = True
+                self.limited = True
                 continue
             self.known[target] = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
             met.append(target)
         return met
+
+
+class VehicleSession:
+    """Messages and times go in, requests and sentences come out.
+
+    rates: None when nothing may be requested. reported: where sentences for the user are added.
+    """
+
+    def __init__(
+        self, target: Target, rates: StreamManager | None, reported: list[str], now: float, patience_s: float
+    ) -> None:
+        self.target = target
+        self.rates = rates
+        self.timesync = Timesync()
+        self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
+        self.started: float | None = None  # s, when it has last rebooted
+        self.signs = False  # whether the vehicle signs what it sends, and we have no key
+        self._reboots = Reboots()  # where there are no rates, which watch this too
+        self.found_at = now  # s
+        self._patience_s = patience_s
+        self._complained = False
+        self._reported = reported
+
+    def receive(self, messages: Mapping[str, Messages], now: float) -> None:
+        """Take those messages that are of this vehicle."""
+        own: dict[str, Messages] = {}
+        for name, columns in messages.items():
+            mine = (columns.sysid == self.target.sysid) & (columns.compid == self.target.compid)
+            if mine.any():
+                own[name] = columns.select(mine)
+                self.counts[name] += int(mine.sum())
+        if "TIMESYNC" in own:
+            self.timesync.receive(own["TIMESYNC"], now)
+        if self.rates is None:
+            self.started = self._reboots.receive(own, now) or self.started
+        else:
+            self.rates.signed = self.signs
+            self.rates.receive(own, now)
+            self.started = self.rates.started
+
+    @property
+    def sends_imu(self) -> bool:
+        """Whether an IMU message of it has come."""
+        return any(name in self.counts for name in IMU_MESSAGES)
+
+    def awaits(self, now: float) -> bool:
+        """Whether answers are due: those that ask for messages, and the clock's, whose latency counts."""
+        return self.rates is not None and (not self.rates.settled or self.timesync.awaits(now))
+
+    def next_requests(self, now: float) -> list[Request]:
+        """What to send now."""
+        if self.rates is None:
+            return []
+        candidates = (self.rates.next_request(now), self.timesync.next_request(now))
+        return [request for request in candidates if request is not None]
+
+    def complain(self, now: float) -> None:
+        """Say, once, that no IMU message comes."""
+        if self._complained or now - self.found_at <= self._patience_s or self.sends_imu:
+            return
+        self._complained = True
+        how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
+        why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
+        if self.signs and self.rates is not None:
+            why = "it signs its messages, and obeys only requests that are signed with its key"
+            how = "give the key with --signing-key-file"
+        self._reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

@@ -27,7 +27,7 @@ from companion.logs.dataflash_layout import (
     record_layouts,
     record_lengths,
 )
-from companion.logs.logfile import MOST_BYTES, Contents, Mapped, log_format, read_head
+from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.mavlink import Bytes, Index, as_bytes, first_come
 from companion.model import InputError
 
@@ -71,6 +71,10 @@ class Records:
         with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
             return self[field].astype(np.float64) * self.layout.multipliers.get(field, 1.0)
 
+    def columns(self, *fields: str) -> npt.NDArray[np.float64]:
+        """Columns side by side, (N, len(fields)). Raises KeyError as `[field]`."""
+        return np.column_stack([self[field] for field in fields]).astype(np.float64)
+
     @property
     def t(self) -> npt.NDArray[np.float64]:
         """When each was written: (N,) s since boot. Raises KeyError for records without a time."""
@@ -97,15 +101,9 @@ class Records:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DataflashLog:
+class DataflashLog(LogFile):
     """An on-board log in memory, as columns per type of record."""
 
-    path: Path
-    size_bytes: int  # of the file
-    content_bytes: int  # the same, but of what it holds where it is compressed
-    trouble: str  # why the rest could not be decompressed; "" when all of it was
-    frames: int  # records
-    skipped_bytes: int  # that belong to no record: damage, or the filling of the last page
     undecoded: Mapping[str, int]  # name -> records whose FMT contradicts itself or uses a format unknown to us
     messages: Mapping[str, Records]  # by name, in order of first appearance
     kind: str = "dataflash"

@@ -6,6 +6,7 @@ import mmap
 import re
 import stat
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -44,6 +45,18 @@ def open_file(path: Path) -> BinaryIO:
         raise InputError(f"{path} is a directory, not a log: name one of the files in it.") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): check its permissions.") from None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogFile:
+    """What a log file of any format was found to be."""
+
+    path: Path
+    size_bytes: int  # of the file
+    content_bytes: int  # the same, but of what it holds where it is compressed
+    trouble: str  # why the rest could not be decompressed; "" when all of it was
+    frames: int  # valid ones, of known ids; records; messages of all types
+    skipped_bytes: int  # that belong to none: damage, or the filling of the last page
 
 
 class Contents:

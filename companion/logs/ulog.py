@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from companion.logs.logfile import MOST_BYTES, Contents, Mapped, log_format, read_head
+from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.logs.ulog_messages import Dropout, Flags, Info, LoggedText, Parameter, Value, parsed_message
 from companion.logs.ulog_scan import Said, Scan
 from companion.logs.ulog_topics import Collector, UlogTopic
@@ -23,16 +23,10 @@ _FLAGS = ord("B")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ulog:
+class Ulog(LogFile):
     """An on-board log of PX4 in memory, as columns per topic and instance. Times are µs of the boot clock."""
 
-    path: Path
-    size_bytes: int  # of the file
-    content_bytes: int  # the same, but of what it holds where it is compressed
-    trouble: str  # why the rest could not be decompressed; "" when all of it was
     begun: int  # when the file says that it was begun
-    frames: int  # messages, of all types
-    skipped_bytes: int  # that belong to no message: damage
     cut_bytes: int  # of a message at the end that is not all there
     appended: bool  # data was added after the log had ended, as after a crash
     undecoded: Mapping[str, int]  # topic, "" for one of no name → messages whose declaration is missing or damaged

@@ -11,6 +11,7 @@ import string
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from companion.logs.ulog_layout import CODES, NAME, Field, parsed_format
 
@@ -99,21 +100,26 @@ SYNC = bytes.fromhex("2F731320250CBB12")
 _KEY = re.compile(rb"(\w+)(\[\d*\])? ([!-~]+)")
 _VALUES = {kind: struct.Struct(code) for kind, code in CODES.items()}
 _LEVELS = range(ord("0"), ord("8"))
-_FLAGS_BYTES = 40
 _LEAST_KEY = 4  # its length, and "a b"
 _MOST_NAME = 255
+
+
+SIZES: Mapping[int, tuple[int, int]] = {
+    ord(letter): sizes
+    for letter, sizes in {
+        "B": (40, 255), "F": (6, 65_535), "A": (4, 3 + _MOST_NAME), "R": (2, 2), "I": (_LEAST_KEY, 65_535),
+        "M": (1 + _LEAST_KEY, 65_535), "P": (_LEAST_KEY, 1024), "Q": (1 + _LEAST_KEY, 1024), "L": (9, 65_535),
+        "C": (11, 65_535), "O": (2, 2), "S": (8, 8), "D": (2, 65_535),
+    }.items()
+}  # fmt: skip
+"""Type → the least and the most bytes of its body."""
 
 
 def parsed_message(kind: int, body: bytes) -> Message | None:
     """What a message that is no data says; None where it is of no known type, or its body none of that type."""
     parse = _PARSERS.get(kind)
-    return None if parse is None else parse(body)
-
-
-def _flags(body: bytes) -> Flags | None:
-    if len(body) < _FLAGS_BYTES:
-        return None
-    return Flags(body[8:16], tuple(at for at in struct.unpack_from("<3Q", body, 16) if at))
+    low, high = SIZES.get(kind, (0, 0))
+    return parse(body) if parse is not None and low <= len(body) <= high else None
 
 
 def _format(body: bytes) -> Format | None:
@@ -122,75 +128,44 @@ def _format(body: bytes) -> Format | None:
 
 
 def _subscription(body: bytes) -> Subscription | None:
-    if not 3 < len(body) <= 3 + _MOST_NAME:
-        return None
     instance, number = struct.unpack_from("<BH", body)
     topic = _text(body[3:])
     return Subscription(number, topic, instance) if NAME.fullmatch(topic) else None
 
 
-def _unsubscription(body: bytes) -> Unsubscription | None:
-    return Unsubscription(int.from_bytes(body, "little")) if len(body) == 2 else None
+def _info(body: bytes, *, several: bool) -> Info | None:
+    said = _key_and_value(body[several:])
+    continued = several and body[0] == 1
+    return None if said is None or (several and body[0] > 1) else Info(*said, several, continued)
 
 
-def _info(body: bytes) -> Info | None:
-    said = _key_and_value(body)
-    return None if said is None else Info(*said, several=False, continued=False)
+def _parameter(body: bytes, *, default: bool) -> Parameter | None:
+    said = _key_and_value(body[default:])
+    return None if said is None or (default and not body[0]) else Parameter(*said, body[0] if default else 0)
 
 
-def _one_of_several(body: bytes) -> Info | None:
-    said = _key_and_value(body[1:])
-    return None if said is None or body[0] > 1 else Info(*said, several=True, continued=body[0] == 1)
-
-
-def _parameter(body: bytes) -> Parameter | None:
-    said = _key_and_value(body)
-    return None if said is None else Parameter(*said)
-
-
-def _default(body: bytes) -> Parameter | None:
-    said = _key_and_value(body[1:])
-    return None if said is None or not body[0] else Parameter(*said, default_of=body[0])
-
-
-def _logged(body: bytes) -> LoggedText | None:
-    if len(body) < 9 or body[0] not in _LEVELS:
+def _logged(body: bytes, *, tagged: bool) -> LoggedText | None:
+    if body[0] not in _LEVELS:
         return None
-    return LoggedText(int.from_bytes(body[1:9], "little"), body[0] - ord("0"), _text(body[9:]), None)
-
-
-def _tagged(body: bytes) -> LoggedText | None:
-    if len(body) < 11 or body[0] not in _LEVELS:
-        return None
-    tag, stamp = struct.unpack_from("<HQ", body, 1)
-    return LoggedText(stamp, body[0] - ord("0"), _text(body[11:]), tag)
-
-
-def _dropout(body: bytes) -> Dropout | None:
-    return Dropout(int.from_bytes(body, "little")) if len(body) == 2 else None
-
-
-def _sync(body: bytes) -> Sync | None:
-    return Sync() if body == SYNC else None
+    tag, begin = (int.from_bytes(body[1:3], "little"), 3) if tagged else (None, 1)
+    stamp = int.from_bytes(body[begin : begin + 8], "little")
+    return LoggedText(stamp, body[0] - ord("0"), _text(body[begin + 8 :]), tag)
 
 
 _PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
-    ord(letter): parse
-    for letter, parse in {
-        "B": _flags, "F": _format, "A": _subscription, "R": _unsubscription, "I": _info, "M": _one_of_several,
-        "P": _parameter, "Q": _default, "L": _logged, "C": _tagged, "O": _dropout, "S": _sync,
-    }.items()
-}  # fmt: skip
-
-SIZES: Mapping[int, tuple[int, int]] = {
-    ord(letter): sizes
-    for letter, sizes in {
-        "B": (_FLAGS_BYTES, 255), "F": (6, 65_535), "A": (4, 3 + _MOST_NAME), "R": (2, 2), "I": (_LEAST_KEY, 65_535),
-        "M": (1 + _LEAST_KEY, 65_535), "P": (_LEAST_KEY, 1024), "Q": (1 + _LEAST_KEY, 1024), "L": (9, 65_535),
-        "C": (11, 65_535), "O": (2, 2), "S": (8, 8), "D": (2, 65_535),
-    }.items()
-}  # fmt: skip
-"""Type → the least and the most bytes of its body."""
+    ord("B"): lambda body: Flags(body[8:16], tuple(at for at in struct.unpack_from("<3Q", body, 16) if at)),
+    ord("F"): _format,
+    ord("A"): _subscription,
+    ord("R"): lambda body: Unsubscription(int.from_bytes(body, "little")),
+    ord("I"): partial(_info, several=False),
+    ord("M"): partial(_info, several=True),
+    ord("P"): partial(_parameter, default=False),
+    ord("Q"): partial(_parameter, default=True),
+    ord("L"): partial(_logged, tagged=False),
+    ord("C"): partial(_logged, tagged=True),
+    ord("O"): lambda body: Dropout(int.from_bytes(body, "little")),
+    ord("S"): lambda body: Sync() if body == SYNC else None,
+}
 
 FIRST_BYTES: Mapping[int, Iterable[int]] = {
     ord("F"): b"/-_0123456789" + string.ascii_letters.encode(), ord("M"): b"\0\1", ord("Q"): range(1, 256),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +69,36 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
     def __len__(self) -> int:
         """Fields, as of any mapping."""
         return sum(1 for _ in self)
+
+    def seconds(self, field: str = "timestamp") -> npt.NDArray[np.float64]:
+        """A time field, µs of the boot clock, in s: (N,)."""
+        return np.asarray(self[field], np.float64) * 1e-6
+
+    def columns(self, *fields: str) -> npt.NDArray[np.float64]:
+        """Fields side by side, (N, len(fields)), NaN for a field that is not there or not finite."""
+        values = np.full((self.count, len(fields)), np.nan)
+        with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
+            for i, field in enumerate(fields):
+                if field in self:
+                    values[:, i] = self[field]
+        values[~np.isfinite(values)] = np.nan
+        return values
+
+    def column(self, field: str) -> npt.NDArray[np.float64]:
+        """One field, (N,), NaN where it is not there or not finite."""
+        return np.asarray(self.columns(field)[:, 0])
+
+    def array(self, field: str, places: Iterable[int] = range(3)) -> npt.NDArray[np.float64]:
+        """Elements of an array, (N, len(places)), as `columns`."""
+        return self.columns(*(f"{field}[{place}]" for place in places))
+
+    def flag(self, field: str) -> npt.NDArray[np.bool_]:
+        """A field of truth values, (N,); true where there is none."""
+        return np.asarray(self[field], np.bool_) if field in self else np.ones(self.count, np.bool_)
+
+    def ids(self, field: str) -> npt.NDArray[np.int64]:
+        """Ids of the sensor behind each row, (N,); 0 where there is no such field."""
+        return np.asarray(self[field]).astype(np.int64) if field in self else np.zeros(self.count, np.int64)
 
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> UlogTopic:
         """The messages of a mask, an index or a slice."""

@@ -14,6 +14,7 @@ from companion.mavlink.encode import Packer, Value, encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
 from companion.mavlink.messages import (
+    Growing,
     Messages,
     as_bytes,
     gather_rows,
@@ -34,6 +35,7 @@ __all__ = [
     "Decoder",
     "Dialect",
     "Frames",
+    "Growing",
     "Index",
     "MessageLayout",
     "Messages",

@@ -30,7 +30,7 @@ class Messages:
     seq: Bytes  # (N,) uint8
     crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
     rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not asked for
-    told: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where somebody has read it already
+    given: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where it has been read already
 
     @property
     def name(self) -> str:
@@ -50,6 +50,13 @@ class Messages:
             raise KeyError(f"the fields of {self.name} were not read: add it to `names`")
         column: npt.NDArray[Any] = self.rows[field]
         return column
+
+    @property
+    def t(self) -> npt.NDArray[np.float64]:
+        """When each was sent, (N,) s by the sender's own clock. Raises KeyError where that has not been read."""
+        if self.given is None:
+            raise KeyError(f"the times of {self.name} were not read")
+        return self.given
 
     def senders(self) -> dict[tuple[int, int], int]:
         """How many were sent by each (sysid, compid), in order of those."""
@@ -76,8 +83,69 @@ class Messages:
             seq=self.seq[index],
             crc=self.crc[index],
             rows=rows,
-            told=None if self.told is None else self.told[index],
+            given=None if self.given is None else self.given[index],
         )
+
+    def columns(self, *names: str) -> npt.NDArray[np.float64]:
+        """Fields side by side, (N, len(names))."""
+        side_by_side = np.empty((len(self), len(names)))
+        for i, name in enumerate(names):
+            side_by_side[:, i] = self[name]
+        return side_by_side
+
+
+class Growing:
+    """The messages of one type as they come, in arrays with room for more. wanted: whether their rows are gathered.
+
+    What has been given out shares its memory with what is here, and never changes. Memory that is never written is
+    never used, so that where it is known how many will come nothing is copied a second time.
+    """
+
+    def __init__(self, layout: MessageLayout, *, wanted: bool) -> None:
+        self.layout = layout
+        self._columns: dict[str, npt.NDArray[Any]] = {name: np.empty(0, kind) for name, kind in _HEADER.items()}
+        if wanted:
+            self._columns["rows"] = np.empty((0, layout.max_length), np.uint8)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, frames: Frames, index: Index, times: npt.NDArray[np.float64], share: float = 0.0) -> None:
+        """Take those of an index; times: (N,) s of all frames. share: of what will come, 0 where it is not known."""
+        begin, end = self._count, self._count + len(index)
+        if end > len(self._columns["offset"]):
+            expected = end / share * _MARGIN if share > 0 else 0.0
+            room = int(max(_LEAST_ROOM, 2 * end if end > expected else expected))
+            for name, old in self._columns.items():
+                self._columns[name] = np.empty((room, *old.shape[1:]), old.dtype)
+                self._columns[name][:begin] = old[:begin]
+        for name in _HEADER:
+            values = times if name == "log_time" else getattr(frames, name)
+            # "clip", for every index is one: NumPy then writes in place.
+            np.take(values, index, out=self._columns[name][begin:end], mode="clip")
+        if "rows" in self._columns:
+            gather_rows(frames, index, self.layout, out=self._columns["rows"][begin:end])
+        self._count = end
+
+    def messages(self) -> Messages:
+        """All that have come, and were kept."""
+        columns = {name: column[: self._count] for name, column in self._columns.items()}
+        rows = columns.pop("rows", None)
+        kind = self.layout.dtype
+        return Messages(self.layout, **columns, rows=np.empty(0, kind) if rows is None else rows.view(kind)[:, 0])
+
+    def keep(self, index: npt.NDArray[np.bool_] | Index) -> None:
+        """Forget all but those of a mask or an index."""
+        self._columns = {name: column[: self._count][index] for name, column in self._columns.items()}
+        self._count = len(self._columns["offset"])
+
+
+_HEADER: dict[str, npt.DTypeLike] = {
+    "offset": np.int64, "log_time": np.float64, "sysid": np.uint8, "compid": np.uint8, "seq": np.uint8,
+    "crc": np.uint16,
+}  # fmt: skip
+_MARGIN, _LEAST_ROOM = 1.05, 64  # of the messages that are expected, and messages
 
 
 def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:

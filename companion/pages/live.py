@@ -91,7 +91,7 @@ class LiveFeed:
             link=report.link,
             problem=report.problem,
             streams=tuple(
-                StreamState(a.name, a.wanted_hz, a.received_hz, _NOTES.get(a.state, "")) for a in report.arriving
+                StreamState(a.name, a.desired_hz, a.received_hz, _NOTES.get(a.state, "")) for a in report.arriving
             ),
             frames=report.frames,
             lost=report.lost_by,

@@ -3,7 +3,7 @@
 from companion.telemetry.dataflash import RECORDS, dataflash_flight, why_no_flight
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.parameters import id_parameters
-from companion.telemetry.split import Bystander
+from companion.telemetry.split import NonVehicle
 from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import TOPICS, ulog_flight
 
@@ -11,7 +11,7 @@ __all__ = [
     "NEEDED",
     "RECORDS",
     "TOPICS",
-    "Bystander",
+    "NonVehicle",
     "Stream",
     "dataflash_flight",
     "flights",

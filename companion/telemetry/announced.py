@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -57,8 +57,9 @@ def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
     return tuple(resets)
 
 
-def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
+def odometry_resets(odometry: Messages) -> tuple[EstimatorReset, ...]:
     """Where ODOMETRY's counter of resets goes on, and which states jumped there: at least the one that did most."""
+    t = odometry.t
     order = np.flatnonzero(np.isfinite(t))
     order = order[np.argsort(t[order], kind="stable")]
     counter = odometry["reset_counter"][order].astype(np.int64)
@@ -74,6 +75,13 @@ def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
         most = jumped if len(jumped) else [int(np.argmax(seen[n]))]
         resets += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
     return tuple(resets)
+
+
+def lane_changes(t: Array, primary: Index, words: str) -> Iterator[EstimatorReset]:
+    """Where the primary core (N,) is another than before; words: with {before} and {core}."""
+    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
+        before, core = int(primary[i - 1]), int(primary[i])
+        yield EstimatorReset(float(t[i]), "lane", words.format(before=before, core=core), core)
 
 
 def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:
@@ -108,20 +116,20 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
         return None
     primary = int(parameters.get(f"{ekf}_PRIMARY", 0.0))
     lanes = [(begin, primary), *((switch.t, switch.core or 0) for switch in switches)]
-    known = [
-        (at, imu) for at, lane in lanes if (imu := _imu_of_lane(lane, parameters.get(f"{ekf}_IMU_MASK"))) is not None
-    ]
+    mask = parameters.get(f"{ekf}_IMU_MASK", np.nan)
+    known = [(at, imu) for at, lane in lanes if (imu := imu_of_core(lane, mask)) is not None]
     if not known:
         return None
     source = "lane switches" if switches else f"{ekf}_PRIMARY"
     return SensorInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
 
 
-def _imu_of_lane(lane: int, mask: float | None) -> int | None:
-    if mask is None:
-        return lane
+def imu_of_core(core: int, mask: float = np.nan) -> int | None:
+    """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None beyond those."""
+    if not 0 < mask < 256:
+        return core
     bits = [bit for bit in range(8) if int(mask) >> bit & 1]
-    return bits[lane] if lane < len(bits) else None
+    return bits[core] if core < len(bits) else None
 
 
 def _same_switch(one: EstimatorReset, other: EstimatorReset) -> bool:
@@ -135,13 +143,13 @@ def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[R
     moved_w, moved_axis = q[after, :1], q[after, 1:]
     turn = w * moved_axis - moved_w * axis - np.cross(axis, moved_axis)  # vector part of q0* ⊗ q1
     real = w * moved_w + (axis * moved_axis).sum(axis=1, keepdims=True)
-    rates = _vectors(odometry, ("rollspeed", "pitchspeed", "yawspeed"))
+    rates = odometry.columns("rollspeed", "pitchspeed", "yawspeed")
     error = 2.0 * turn * np.where(real < 0, -1.0, 1.0) - rates[before] * dt
     swing = 2.0 * np.cross(axis, error)
     error = error + w * swing + np.cross(axis, swing)  # into NED
-    velocity = _vectors(odometry, ("vx", "vy", "vz"))
+    velocity = odometry.columns("vx", "vy", "vz")
     mean = 0.5 * (velocity[before] + velocity[after])
-    step = _vectors(odometry, ("x", "y", "z"))
+    step = odometry.columns("x", "y", "z")
     step = step[after] - step[before] - mean * dt
     return {
         "attitude": np.hypot(error[:, 0], error[:, 1]),
@@ -150,7 +158,3 @@ def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[R
         "position": np.hypot(step[:, 0], step[:, 1]),
         "height": np.abs(step[:, 2]),
     }
-
-
-def _vectors(messages: Messages, names: tuple[str, str, str]) -> Array:
-    return np.column_stack([messages[name] for name in names]).astype(np.float64)

@@ -16,8 +16,8 @@ from companion.telemetry.lazy import Lazy
 _ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
 
-def arrivals(messages: Mapping[str, Messages], seconds: Mapping[str, Array]) -> Mapping[str, MessageStats]:
-    """The statistics of a flight's messages by name, each made when it is asked for; `seconds`: their known times.
+def arrivals(messages: Mapping[str, Messages], timed: Mapping[str, Messages]) -> Mapping[str, MessageStats]:
+    """The statistics of a flight's messages by name, each made when it is asked for; timed: with boot times.
 
     By device time where the message carries it, else by the log's stamps. No message is kept for it, only its times.
     """
@@ -28,7 +28,7 @@ def arrivals(messages: Mapping[str, Messages], seconds: Mapping[str, Array]) -> 
         if own is None:
             makers[name] = partial(_stamped, one.log_time, one.crc, one.seq)
         else:
-            makers[name] = partial(arrival, seconds.get(name, own), _copies(one, own))
+            makers[name] = partial(arrival, timed[name].t if name in timed else own, _copies(one, own))
     return Lazy(makers)
 
 

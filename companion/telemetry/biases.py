@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import IMU_MESSAGES, Array, AttitudeTrack, BiasTrack, ImuTrack, SensorInUse
+from companion.model import IMU_MESSAGES, Array, AttitudeTrack, BiasTrack, ImuTrack, SensorInUse, nearest
 from companion.telemetry.convert import Turns, turned_vectors
 
 _TOGETHER_S = 0.02  # samples of two messages that belong together: sent in one go, or within a period
@@ -25,26 +25,27 @@ _MOVES_STEPS = 5.0  # a reading that moves less is met by another sensor's by ch
 
 
 def selected_imu(
-    imus: Mapping[str, ImuTrack], parameters: Mapping[str, float]
-) -> tuple[str | None, int | None, list[str]]:
-    """Which SCALED_IMUn is the sensor that PX4 has selected, which HIGHRES_IMU speaks of; its instance; notes.
+    imus: Mapping[str, ImuTrack], parameters: Mapping[str, float], notes: list[str]
+) -> tuple[str | None, int | None]:
+    """Which SCALED_IMUn is the sensor that PX4 has selected, which HIGHRES_IMU speaks of; and its instance.
 
     By their readings; where no two of them are of one instant, by the number of gyros that the parameters know. None
     where nothing tells. A sensor that no SCALED_IMUn speaks of is taken for the first that the log has none of.
     """
     if "HIGHRES_IMU" not in imus:
-        return None, None, []
+        return None, None
     others = []
     for name in (name for name in _SCALED if name in imus):
         same = same_sensor(imus[name], imus["HIGHRES_IMU"])
         if same or (same is None and name == "SCALED_IMU" and parameters.get("CAL_GYRO1_ID") == 0):
-            return name, imus[name].instance, []
+            return name, imus[name].instance
         if same is False:
             others.append(name)
     if not others or len(others) < sum(name in imus for name in _SCALED):
-        return None, None, []
+        return None, None
     instance = next(i for i in range(len(_SCALED) + 1) if all(imus[name].instance != i for name in others))
-    return None, instance, [f"HIGHRES_IMU is of another sensor than {' and '.join(others)}: IMU {instance}, it seems"]
+    notes.append(f"HIGHRES_IMU is of another sensor than {' and '.join(others)}: IMU {instance}, it seems")
+    return None, instance
 
 
 def same_sensor(one: ImuTrack, other: ImuTrack) -> bool | None:
@@ -157,12 +158,10 @@ def _half_steps(readings: Array, step: float) -> Array:
     return np.asarray(0.5 * step * np.sign(readings))
 
 
-def _pairs(t: Array, other: Array, within: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _pairs(t: Array, other: Array, within: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Indices of the samples that have one of the other track beside them, and of those."""
-    if not len(other):
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    after = np.clip(np.searchsorted(other, t), 1, max(len(other) - 1, 1))
-    nearest = np.where(t - other[after - 1] < other[np.minimum(after, len(other) - 1)] - t, after - 1, after)
-    nearest = np.minimum(nearest, len(other) - 1)
-    near = np.abs(other[nearest] - t) < within
-    return np.flatnonzero(near), nearest[near]
+    if len(other) < 2:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    beside = nearest(other, t)
+    near = np.abs(other[beside] - t) < within
+    return np.flatnonzero(near), beside[near]

@@ -58,13 +58,13 @@ def device_time(messages: Messages) -> Array | None:
 
     None too when its fields were not read.
     """
-    if messages.told is None and len(messages.rows) != len(messages):
+    if messages.given is None and len(messages.rows) != len(messages):
         return None
     fields = messages.layout.fields
     if "time_boot_ms" in fields:
-        return np.asarray(messages["time_boot_ms"] * 1e-3) if messages.told is None else messages.told
+        return np.asarray(messages["time_boot_ms"] * 1e-3) if messages.given is None else messages.given
     if "time_usec" in fields:
-        t = np.asarray(messages["time_usec"] * 1e-6) if messages.told is None else messages.told
+        t = np.asarray(messages["time_usec"] * 1e-6) if messages.given is None else messages.given
         return t if t[:1].any() or t.any() else None  # PX4 leaves it zero in HIL_STATE_QUATERNION and others
     return None
 

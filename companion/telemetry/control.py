@@ -8,7 +8,8 @@ import numpy as np
 
 from companion.mavlink import Messages
 from companion.model import ActuatorTrack, Array, AttitudeTrack, ControlTrack, from_euler
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.outliers import BoolArray
+from companion.telemetry.samples import attitudes, increasing
 
 CONTROL_MESSAGES = ("ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW")
 
@@ -21,39 +22,39 @@ _TOGETHER_S, _STALE_S = 0.01, 1.0  # banks of outputs that are told one after th
 _MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 164)})  # SRV_Channel::Function, k_motor1 ...
 
 
-def control_track(
-    messages: Mapping[str, Messages], seconds: Mapping[str, Array], attitude: AttitudeTrack | None
-) -> ControlTrack | None:
+def control_track(messages: Mapping[str, Messages], attitude: AttitudeTrack | None) -> ControlTrack | None:
     """The desired attitude: ATTITUDE_TARGET; else roll and pitch of NAV_CONTROLLER_OUTPUT with the present heading."""
     if "ATTITUDE_TARGET" in messages:
-        target, t = messages["ATTITUDE_TARGET"], seconds["ATTITUDE_TARGET"]
+        target = messages["ATTITUDE_TARGET"]
         q = target["q"].astype(np.float64)
         told = (target["type_mask"] & _NO_ATTITUDE) == 0
     elif "NAV_CONTROLLER_OUTPUT" in messages and attitude is not None:
-        target, t = messages["NAV_CONTROLLER_OUTPUT"], seconds["NAV_CONTROLLER_OUTPUT"]
-        w, x, y, z = (np.interp(t, attitude.t, part) for part in attitude.q_ned_frd.T)
+        target = messages["NAV_CONTROLLER_OUTPUT"]
+        w, x, y, z = (np.interp(target.t, attitude.t, part) for part in attitude.q_ned_frd.T)
         heading = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
         q = from_euler(np.radians(target["nav_roll"]), np.radians(target["nav_pitch"]), heading)
-        told = (t >= attitude.t[0]) & (t <= attitude.t[-1])
+        told = (target.t >= attitude.t[0]) & (target.t <= attitude.t[-1])
     else:
         return None
-    told &= np.isfinite(t) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
-    keep = increasing(t, told)
-    return ControlTrack(t[keep], continuous(q[keep]), target.name) if len(t[keep]) else None
+    return control_of(target.name, target.t, q, told)
 
 
-def actuator_track(
-    messages: Mapping[str, Messages], seconds: Mapping[str, Array], parameters: Mapping[str, float]
-) -> ActuatorTrack | None:
+def control_of(source: str, t: Array, q: Array, good: BoolArray | bool = True) -> ControlTrack | None:
+    """Quaternions (N, 4) at times t (N,) s; None without any that is an attitude."""
+    _, t, q = attitudes(t, q, good)
+    return ControlTrack(t, q, source) if len(t) else None
+
+
+def actuator_track(messages: Mapping[str, Messages], parameters: Mapping[str, float]) -> ActuatorTrack | None:
     """SERVO_OUTPUT_RAW; None where none of the outputs is in use."""
     if "SERVO_OUTPUT_RAW" not in messages:
         return None
-    outputs, t = messages["SERVO_OUTPUT_RAW"], seconds["SERVO_OUTPUT_RAW"]
-    pulses = np.column_stack([outputs[f"servo{i}_raw"] for i in range(1, _SERVOS + 1)]).astype(np.float64)
+    outputs = messages["SERVO_OUTPUT_RAW"]
+    pulses = outputs.columns(*(f"servo{i}_raw" for i in range(1, _SERVOS + 1)))
     banks = []
     for port in _PORTS:
-        keep = increasing(t, np.isfinite(t) & (outputs["port"] == port))
-        banks.append((t[keep], pulses[keep]))
+        keep = increasing(outputs.t, np.isfinite(outputs.t) & (outputs["port"] == port))
+        banks.append((outputs.t[keep], pulses[keep]))
     return actuators_of(outputs.name, *side_by_side(banks), parameters)
 
 

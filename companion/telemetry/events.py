@@ -10,6 +10,7 @@ import numpy.typing as npt
 from companion.logs import Records
 from companion.mavlink import Dialect, Messages, mode_name
 from companion.model import Array, Event, StatusText, Vehicle
+from companion.telemetry.samples import majority
 from companion.telemetry.sanitize import words
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
@@ -38,26 +39,23 @@ _ERR = {
 }  # fmt: skip
 
 
-def heartbeat_events(beats: Messages, t: Array, vehicle: Vehicle, dialect: Dialect) -> tuple[Event, ...]:
-    """Changes of arming and mode between the vehicle's heartbeats at boot times t (N,) s.
+def heartbeat_events(beats: Messages, vehicle: Vehicle, dialect: Dialect) -> tuple[Event, ...]:
+    """Changes of arming and mode between the vehicle's heartbeats.
 
     The first heartbeat gives the mode at the beginning, and "armed" if it already was.
     """
-    kinds = np.column_stack([beats["autopilot"], beats["type"]])
-    pairs, which, counts = np.unique(kinds, axis=0, return_inverse=True, return_counts=True)
-    if len(pairs) > 1:  # somebody else speaks with these ids: `describe` has said so
-        mine = which.ravel() == np.argmax(counts)
-        beats, t = beats.select(np.asarray(mine)), t[mine]
+    beats = beats.select(majority(beats["autopilot"], beats["type"]))  # somebody else may speak with these ids
     return changes(
-        t,
+        beats.t,
         (beats["base_mode"] & _ARMED_FLAG) != 0,
         beats["custom_mode"],
         lambda mode: mode_name(dialect, vehicle.autopilot, vehicle.type, mode),
     )
 
 
-def landed_events(states: Messages, t: Array) -> tuple[Event, ...]:
-    """Take-offs and landings by EXTENDED_SYS_STATE at boot times t (N,) s."""
+def landed_events(states: Messages) -> tuple[Event, ...]:
+    """Take-offs and landings by EXTENDED_SYS_STATE."""
+    t = states.t
     known = np.flatnonzero(np.isfinite(t) & (states["landed_state"] != _UNDEFINED))
     aloft = states["landed_state"][known] != _ON_GROUND
     events = [Event(float(t[known[0]]), "event", "in the air")] if len(known) and aloft[0] else []
@@ -106,8 +104,8 @@ def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: 
     return in_order(events)
 
 
-def status_texts(messages: Messages, t: Array) -> tuple[StatusText, ...]:
-    """STATUSTEXT at boot times t (N,) s, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together.
+def status_texts(messages: Messages) -> tuple[StatusText, ...]:
+    """STATUSTEXT, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together.
 
     A chunk whose predecessor was lost is a text of its own.
     """
@@ -115,7 +113,7 @@ def status_texts(messages: Messages, t: Array) -> tuple[StatusText, ...]:
     expected = (0, 0)  # id and chunk_seq of what would go on with the last text
     columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
     decoded: dict[bytes, str] = {}  # the same are said over and over
-    for at, severity, raw, chunk_id, chunk in zip(t.tolist(), *columns, strict=True):
+    for at, severity, raw, chunk_id, chunk in zip(messages.t.tolist(), *columns, strict=True):
         text = decoded.get(raw)
         if text is None:
             text = decoded[raw] = words(raw)

@@ -51,3 +51,8 @@ def vehicle_type(parameters: Mapping[str, float], build: int | None = None) -> s
         return _BUILDS[build]
     software = _SOFTWARE.get(parameters.get("SYSID_SW_TYPE", -1.0))
     return software or next((kind for name, kind in _OWN_PARAMETERS.items() if name in parameters), UNKNOWN)
+
+
+def release(code: int) -> str:
+    """ "4.7.0" of a version in four bytes: major, minor, patch and type; "" of none."""
+    return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""

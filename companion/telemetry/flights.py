@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
 from companion.model import (
     IMU_MESSAGES,
-    Array,
     AttitudeTrack,
     BiasTrack,
     Event,
@@ -23,8 +23,8 @@ from companion.model import (
     SensorInUse,
     Vehicle,
 )
-from companion.telemetry import convert
-from companion.telemetry.aiding import TRUTH_MESSAGES, aiding_tracks, message_truth
+from companion.telemetry import convert, truth
+from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
 from companion.telemetry.arrival import arrivals
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
@@ -32,13 +32,13 @@ from companion.telemetry.clock import Clock, boot_seconds, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
 from companion.telemetry.lazy import LazyTuple
-from companion.telemetry.parameters import declination, known_ranges, of_instance, setting_names, with_facts
+from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
-from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
 from companion.telemetry.validity import valid_position
 
 _TIMED = SENSOR_MESSAGES | {
-    *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
+    *IMU_MESSAGES, *truth.MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
     "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
@@ -52,21 +52,22 @@ NEEDED = _TIMED | {"AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "S
 
 def flights(
     messages: dict[str, Messages], dialect: Dialect, *, dequantise: bool = False
-) -> tuple[list[Flight], list[Bystander]]:
+) -> tuple[list[Flight], list[NonVehicle]]:
     """Every flight in the messages, vehicles in order of their ids, boots in time's; and who else speaks in them.
 
     The messages are taken over: the dictionary is empty afterwards, and what has become a track is let go at once, so
     that a large log is not held twice.
     """
     every_flight: list[Flight] = []
-    others: list[Bystander] = []
+    others: list[NonVehicle] = []
     speaking = senders(messages)
     messages.clear()
     found_by_others = _parameters_of_ground_stations(speaking)
     for ids in sorted(speaking):
         sender = speaking.pop(ids)
-        vehicle, notes = describe(ids, sender, dialect)
-        if isinstance(vehicle, Bystander):
+        notes: list[str] = []
+        vehicle = describe(ids, sender, dialect, notes)
+        if isinstance(vehicle, NonVehicle):
             others.append(vehicle)
             continue
         parameters = found_by_others.get(vehicle.sysid, {}) if _is_ardupilot(vehicle) else {}
@@ -77,7 +78,7 @@ def flights(
 def _parameters_of_ground_stations(speaking: Mapping[tuple[int, int], Sender]) -> dict[int, dict[str, float]]:
     """System id → the parameters that MAVProxy sends in the vehicle's name when it has downloaded them as a file."""
     return {
-        sysid: convert.parameters(sent, convert.parameter_values(sent, [], bytewise=False))
+        sysid: values_of(sent["param_id"].tolist(), convert.parameter_values(sent, [], bytewise=False))
         for (sysid, compid), sender in speaking.items()
         if compid == _GROUND_STATION and (sent := sender.get("PARAM_VALUE")) is not None
     }
@@ -88,7 +89,6 @@ class _Begun:
     """A flight whose tracks are being made."""
 
     boot: Boot
-    seconds: dict[str, Array]  # the boot times of its messages
     flight: Flight
     turns: convert.Turns
     imus: dict[str, ImuTrack]
@@ -99,7 +99,7 @@ def _boots_of(
     vehicle: Vehicle,
     sender: Sender,
     parameters: Mapping[str, float],
-    said: tuple[str, ...],
+    notes: list[str],
     dialect: Dialect,
     dequantise: bool,
 ) -> list[Flight]:
@@ -110,30 +110,24 @@ def _boots_of(
     """
     begun: list[_Begun] = []
     for boot in boots(vehicle, sender):
-        begun.append(_begin(boot, parameters, said, dialect))
+        begun.append(_begin(boot, parameters, notes, dialect))
         parameters = begun[-1].flight.parameters
     for name in IMU_MESSAGES:
         for one in begun:
-            if name not in one.boot.messages:
-                continue
-            track, told = convert.imu_track(
-                one.boot.messages.pop(name),
-                one.seconds.pop(name),
-                dequantise=dequantise,
-                ranges=known_ranges(vehicle, one.flight.parameters, IMU_MESSAGES[name].instance),
-            )
-            one.notes.extend(told)
-            if track is not None:
-                track = with_facts(track, vehicle, one.flight.parameters)
-                one.imus[name] = convert.turned_in_time(track, one.turns)
+            if (sent := one.boot.messages.pop(name, None)) is not None:
+                known = one.flight.parameters
+                track = convert.imu(sent, vehicle, known, one.turns, one.notes, dequantise=dequantise)
+                one.imus |= {} if track is None else {name: track}
     return [_with_tracks(one, dequantise) for one in begun]
 
 
 def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
-    boot, seconds, flight, imus = begun.boot, begun.seconds, begun.flight, begun.imus
+    messages, flight, imus = begun.boot.messages, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
-    attitude, told = _attitude(boot, seconds)
-    position, odd = _position(boot, seconds)
+    attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
+    attitude, told = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
+    positions = _made(begun, convert.position, "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+    position, odd = max(positions, key=lambda one: _weight(one[0]), default=(None, []))
     notes += [*told, *odd]
     position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
@@ -141,8 +135,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     if _is_ardupilot(flight.vehicle):
         biases = LazyTuple(partial(ardupilot_biases, imus, attitude, used, begun.turns, dequantised=dequantise))
     elif flight.vehicle.autopilot == "PX4":
-        selected, instance, told = selected_imu(imus, flight.parameters)
-        notes += told
+        selected, instance = selected_imu(imus, flight.parameters, notes)
         biases = LazyTuple(partial(px4_biases, imus, selected, dequantised=dequantise))
         if instance is not None:
             used = SensorInUse(np.array([flight.start]), np.array([instance]), "HIGHRES_IMU")
@@ -155,26 +148,26 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         **aiding_tracks(flight.series, notes, begun.turns),
         biases=biases,
         imu_in_use=used,
-        control=control_track(boot.messages, seconds, attitude),
-        actuators=actuator_track(boot.messages, seconds, flight.parameters),
-        truth=message_truth(boot.messages, seconds, flight.origin, position),
+        control=control_track(messages, attitude),
+        actuators=actuator_track(messages, flight.parameters),
+        truth=truth.message_truth(messages, flight.origin, position),
     )
 
 
-def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialect: Dialect) -> _Begun:
+def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: Dialect) -> _Begun:
     """The boot's flight as far as it needs no track. known: the parameters before it."""
-    notes = [*said, *boot.notes]
-    seconds = {name: _seconds(m, boot.clock, notes) for name, m in boot.messages.items() if name in _TIMED}
+    notes = [*before, *boot.notes]
+    messages = boot.messages
+    timed = {name: _timed(m, boot.clock, notes) for name, m in messages.items() if name in _TIMED}
+    stats = arrivals(messages, timed)
+    messages.update(timed)
     first, last = _span(boot)
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
-    parameters, at_first, changes = _parameters(boot, seconds, known, notes)
-    texts = status_texts(boot.messages["STATUSTEXT"], seconds["STATUSTEXT"]) if "STATUSTEXT" in boot.messages else ()
-    resets = text_resets(texts)
-    if "ODOMETRY" in boot.messages:
-        resets += odometry_resets(boot.messages["ODOMETRY"], seconds["ODOMETRY"])
+    parameters, at_first, changes = _parameters(boot, known, notes)
+    texts = status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
+    resets = text_resets(texts) + (odometry_resets(messages["ODOMETRY"]) if "ODOMETRY" in messages else ())
     ardupilot = _is_ardupilot(boot.vehicle)
-    turns, turned = convert.turns(at_first, changes) if ardupilot else (convert.UNTURNED, [])
     flight = Flight(
         vehicle=boot.vehicle,
         settings=setting_names(boot.vehicle.autopilot),
@@ -182,23 +175,24 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
         boot=boot.number,
         start=first,
         duration=last - first,
-        origin=_origin(boot),
-        epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
-        home=convert.home(boot.messages["HOME_POSITION"]) if "HOME_POSITION" in boot.messages else None,
-        series=message_sensors(boot.messages, seconds, notes, px4=boot.vehicle.autopilot == "PX4"),
-        events=_events(boot, seconds, dialect),
+        origin=_origin(messages),
+        epoch=system_epoch(messages.get("SYSTEM_TIME"), boot.clock),
+        home=convert.home(messages["HOME_POSITION"]) if "HOME_POSITION" in messages else None,
+        series=message_sensors(messages, notes, px4=boot.vehicle.autopilot == "PX4"),
+        events=_events(boot, dialect),
         parameters=parameters,
         texts=texts,
-        messages=arrivals(boot.messages, seconds),
+        messages=stats,
         imu_in_use=imu_in_use(resets, parameters, first) if ardupilot else None,
         resets=tuple(sorted(resets, key=lambda reset: reset.t)),
         parameter_changes=changes,
     )
-    return _Begun(boot, seconds, flight, turns, {}, [*notes, *turned])
+    turns = convert.turns(at_first, notes, changes) if ardupilot else convert.UNTURNED
+    return _Begun(boot, flight, turns, {}, notes)
 
 
-def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
-    """Boot time of each message (N,) in s; of one that counts from elsewhere that of its neighbours."""
+def _timed(messages: Messages, clock: Clock, notes: list[str]) -> Messages:
+    """The messages with their boot times; of one that counts from elsewhere those of its neighbours."""
     t, shift = boot_seconds(messages, clock)
     if messages.name in IMU_MESSAGES:
         if shift:
@@ -208,20 +202,21 @@ def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
         off = np.abs(t - beside)
         if off.max() > _ELSEWHEN_S and float(np.median(off)) > _ELSEWHEN_S:
             notes.append(f"{messages.name}.time_usec is no time since boot: that of its neighbours is used")
-            return beside
-    return t
+            t = beside
+    return replace(messages, given=t)
 
 
 def _parameters(
-    boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float], notes: list[str]
+    boot: Boot, known: Mapping[str, float], notes: list[str]
 ) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
     if "PARAM_VALUE" not in boot.messages:
         return dict(known), dict(known), ()
-    sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
+    sent = boot.messages["PARAM_VALUE"]
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
-    last, first = convert.parameters(sent, values), convert.parameters(sent, values, first=True)
-    changes = partial(parameter_changes, sent["param_id"].tolist(), t, values)
+    names = sent["param_id"].tolist()
+    last, first = values_of(names, values), values_of(names, values, first=True)
+    changes = partial(parameter_changes, names, sent.t, values)
     return {**known, **last}, {**known, **first}, LazyTuple(changes)
 
 
@@ -258,37 +253,32 @@ def _is_ardupilot(vehicle: Vehicle) -> bool:
     return vehicle.autopilot == "ARDUPILOTMEGA"
 
 
-def _attitude(boot: Boot, seconds: dict[str, Array]) -> tuple[AttitudeTrack | None, list[str]]:
-    """The better sampled of ATTITUDE_QUATERNION and ATTITUDE; and notes."""
-    names = ("ATTITUDE_QUATERNION", "ATTITUDE")
-    tracks = [convert.attitude_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track[0]) > 1]
-    return max(usable, key=lambda track: len(track[0])) if usable else (None, [])
+def _weight(position: PositionTrack) -> float:
+    """LOCAL_POSITION_NED is preferred, unless GLOBAL_POSITION_INT covers more than twice its time."""
+    return float(np.ptp(position.t)) * (2.0 if position.source == "LOCAL_POSITION_NED" else 1.0)
 
 
-def _position(boot: Boot, seconds: dict[str, Array]) -> tuple[PositionTrack | None, list[str]]:
-    """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time; and notes."""
-    names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-    tracks = [convert.position_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track[0]) > 1]
-    if not usable:
-        return None, []
-    local, other = usable[0], usable[-1]
-    return other if np.ptp(other[0].t) > 2 * np.ptp(local[0].t) else local
+Track = TypeVar("Track", AttitudeTrack, PositionTrack)
+_Maker = Callable[[Messages, list[str]], Track | None]
 
 
-def _origin(boot: Boot) -> Origin | None:
+def _made(begun: _Begun, make: _Maker[Track], *names: str) -> list[tuple[Track, list[str]]]:
+    """The tracks of these messages, each with its notes."""
+    made: list[tuple[Track, list[str]]] = []
+    for name in (name for name in names if name in begun.boot.messages):
+        notes: list[str] = []
+        track = make(begun.boot.messages.pop(name), notes)
+        made += [] if track is None else [(track, notes)]
+    return made
+
+
+def _origin(messages: Sender) -> Origin | None:
     names = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN")
-    known = (
-        convert.origin(m, boot_seconds(m, boot.clock)[0]) for n in names if (m := boot.messages.get(n)) is not None
-    )
-    return next((place for place in known if place is not None), None)
+    places = (convert.origin(messages[name]) for name in names if name in messages)
+    return next((place for place in places if place is not None), None)
 
 
-def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Event, ...]:
-    events: tuple[Event, ...] = ()
-    if "HEARTBEAT" in boot.messages:
-        events += heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
-    if "EXTENDED_SYS_STATE" in boot.messages:
-        events += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
-    return in_order(events)
+def _events(boot: Boot, dialect: Dialect) -> tuple[Event, ...]:
+    beats, states = boot.messages.get("HEARTBEAT"), boot.messages.get("EXTENDED_SYS_STATE")
+    events = () if beats is None else heartbeat_events(beats, boot.vehicle, dialect)
+    return in_order(events + (() if states is None else landed_events(states)))

@@ -3,13 +3,14 @@
 A value comes from damaged logs and untrusted links as well: whatever is read of it has to be in `RANGES`, and beyond
 its range a parameter is unknown.
 
-Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its drivers for the ranges; PX4
+Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER); PX4
 `modules/mavlink/streams/HIGHRES_IMU.hpp`, `SCALED_IMU.hpp`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`
 (IMU_INTEG_RATE).
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +19,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingNames, Vehicle
+from companion.model import Array, ImuTrack, SettingNames, Vehicle
 from companion.telemetry.outliers import Ranges
+from companion.telemetry.parts import part_ranges
 from companion.telemetry.sanitize import words
 
 # MAV_PARAM_TYPE: UINT8, INT8, UINT16, INT16, UINT32, INT32 (common.xml). A float rounds the largest up to a power of 2.
@@ -110,6 +112,13 @@ def possible(names: Sequence[bytes | str], values: Array, notes: list[str]) -> A
     return kept
 
 
+def values_of(names: Sequence[bytes | str], values: Array, *, first: bool = False) -> dict[str, float]:
+    """The last value of every parameter that has one, or the first; names and values: (N,) in order of time."""
+    decoded = {name: words(name) for name in set(names)}  # sent many times
+    said = [(decoded[n], v) for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)]
+    return dict(reversed(said) if first else said)
+
+
 def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -> int:
     """The first that there is of these, a MAVLink id."""
     return int(next((parameters[name] for name in names if name in parameters), otherwise))
@@ -136,38 +145,16 @@ def setting_names(autopilot: str) -> SettingNames:
     return _NAMES.get(autopilot, SettingNames())
 
 
-_USUAL_RANGES = (2000.0, 16.0)
-_SENSOR_RANGES: Mapping[int, tuple[float | None, float | None]] = {
-    0x2A: (None, None),  # SITL
-    0x2B: (2000.0, 24.0),  # BMI088
-    0x2E: (2000.0, 30.0),  # ICM20649
-    0x30: (4000.0, 8.0),  # ICM20601
-    0x31: (None, 40.0),  # ADIS1647x: 125, 500 or 2000 deg/s, by its model
-    0x32: (None, None),  # external
-    0x33: (2000.0, 32.0),  # ICM40609
-    0x3B: (4000.0, 32.0),  # ICM45686
-    0x3C: (None, None),  # SCHA63T
-    0x3D: (4000.0, 32.0),  # IIM42653
-}
-"""Device type of ArduPilot (bits 16-23 of a device id) → deg/s and g that its driver sets, where not the usual."""
-
-
 def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float]) -> ImuTrack:
     """The track with what is known of its sensor. PX4's samples are means: their times are moved to the middles."""
     ardupilot_id, px4_id = id_parameters("gyro", track.instance)
     if vehicle.autopilot == "PX4":
-        rate = parameters.get("IMU_INTEG_RATE")
-        track = replace(
-            track,
-            device_id=_device(parameters, px4_id),
-            bias_removed=track.source == "HIGHRES_IMU",
-        )
-        if rate is not None:
+        track = replace(track, device_id=_device(parameters, px4_id), bias_removed=track.source == "HIGHRES_IMU")
+        if (rate := parameters.get("IMU_INTEG_RATE")) is not None:
             track = replace(track, t=track.t - 0.5 / rate, interval=np.full(len(track), 1.0 / rate))
-        return track
-    if vehicle.autopilot == "ARDUPILOTMEGA":
+    elif vehicle.autopilot == "ARDUPILOTMEGA":
         gyro_range, accel_range = known_ranges(vehicle, parameters, track.instance)
-        return replace(
+        track = replace(
             track,
             device_id=_device(parameters, ardupilot_id),
             gyro_low_pass_hz=parameters.get("INS_GYRO_FILTER"),
@@ -182,11 +169,8 @@ def known_ranges(vehicle: Vehicle, parameters: Mapping[str, float], instance: in
     """Of the gyro and accelerometer of an IMU, by their device ids: on ArduPilot, where the parameters are known."""
     if vehicle.autopilot != "ARDUPILOTMEGA":
         return None, None
-    gyro, accel = (_ranges(_device(parameters, id_parameters(sensor, instance)[0])) for sensor in ("gyro", "accel"))
-    return (
-        None if gyro[0] is None else float(np.radians(gyro[0])),
-        None if accel[1] is None else accel[1] * STANDARD_GRAVITY,
-    )
+    gyro, accel = (_device(parameters, id_parameters(sensor, instance)[0]) for sensor in ("gyro", "accel"))
+    return part_ranges(vehicle.autopilot, gyro, accel)
 
 
 def of_instance(track: ImuTrack, instance: int, parameters: Mapping[str, float]) -> ImuTrack:
@@ -205,10 +189,6 @@ def id_parameters(sensor: str, instance: int) -> tuple[str, str]:
         f"INS{number}_{ardupilot}_ID" if instance > 2 else f"INS_{ardupilot}{number}_ID",
         f"CAL_{px4}{instance}_ID",
     )
-
-
-def _ranges(device_id: int | None) -> tuple[float | None, float | None]:
-    return (None, None) if device_id is None else _SENSOR_RANGES.get(device_id >> 16 & 0xFF, _USUAL_RANGES)
 
 
 def _device(parameters: Mapping[str, float], name: str) -> int | None:

@@ -16,53 +16,18 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, Series
-from companion.telemetry.convert import SI, increasing
 from companion.telemetry.lazy import Lazy
+from companion.telemetry.samples import increasing
+from companion.telemetry.sources import COLUMNS, NONE_IF_ZERO, SI, Source
 
 Raw = npt.NDArray[Any]
-Fields = Mapping[str, tuple[str, str]]
-"""Column → the field that it comes from, and its unit where the log does not say."""
 
-COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "vibration": ("x_mps2", "y_mps2", "z_mps2", "clips_0", "clips_1", "clips_2"),
-    "barometer": ("pressure_pa", "altitude_m", "temperature_degc"),
-    "gps": (
-        "lat_rad", "lon_rad", "height_m", "speed_mps", "satellites", "fix_type", "hdop", "course_rad", "vn_mps",
-        "ve_mps", "vd_mps", "horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps",
-    ),
-    "interference": ("jamming_state", "jamming_indicator", "spoofing_state"),
-    "magnetometer": ("x_tesla", "y_tesla", "z_tesla"),
-    "temperature": ("temperature_degc",),
-    "estimator": ("velocity_ratio", "position_ratio", "height_ratio", "compass_ratio", "airspeed_ratio", "flags"),
-    "accuracy": ("horizontal_sigma_m", "vertical_sigma_m"),
-    "variance": (
-        "north_m2", "east_m2", "down_m2", "roll_rad2", "pitch_rad2", "yaw_rad2", "vn_m2ps2", "ve_m2ps2", "vd_m2ps2",
-    ),
-    "innovation": (
-        "vn_mps", "ve_mps", "vd_mps", "north_m", "east_m", "down_m", "x_tesla", "y_tesla", "z_tesla", "yaw_rad",
-        "airspeed_mps",
-    ),
-    "attitude": ("roll_rad", "pitch_rad", "yaw_rad"),
-    "airspeed": ("airspeed_mps", "true_airspeed_mps", "pressure_pa", "temperature_degc"),
-    "inconsistency": (
-        *(f"gyro_{i}_radps" for i in range(4)), *(f"accel_{i}_mps2" for i in range(4)),
-        *(f"gyro_{i}_healthy" for i in range(4)), *(f"accel_{i}_healthy" for i in range(4)),
-    ),
-    "gyro_batch": ("x_radps", "y_radps", "z_radps"),
-    "accel_batch": ("x_mps2", "y_mps2", "z_mps2"),
-    "range": ("range_m", "least_m", "most_m", "variance_m2", "status", "orientation", "quality"),
-    "flow": ("x_radps", "y_radps", "body_x_radps", "body_y_radps", "quality", "range_m"),
-}  # fmt: skip
-"""The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
-
-_ABSENT_IF_ZERO = ("magnetometer", "temperature", "gps", "airspeed", "range", "flow", "attitude")
-_NOTED = ("magnetometer", "gps", "airspeed", "range", "flow")  # the others say by it that there is no such sensor
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 
-_SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
+SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
-POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
+_POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,10 +43,9 @@ class RawSeries:
 
 
 def raw_series(
-    kind: str,
+    row: Source,
     source: str,
     t: Array,
-    fields: Fields,
     column: Callable[[str], Raw | None],
     units: Mapping[str, str] | None = None,
     *,
@@ -94,16 +58,17 @@ def raw_series(
     """
     raw: dict[str, Raw] = {}
     factors: dict[str, float] = {}
-    for name, (field, unit) in fields.items():
-        values = column(field)
-        if values is not None:
-            raw[name] = np.array(values)  # not a view: the rows need not stay for it
-            stated = (units or {}).get(field, "")
-            factors[name] = SI[stated if stated in SI and stated else unit]
-    silent = kind in _ABSENT_IF_ZERO and not any(v.any() for v in raw.values())
-    if silent and raw and len(t) and notes is not None and kind in _NOTED:
-        notes.append(f"{source} left out as {kind}: it is zero throughout")
-    return None if not raw or not len(t) or silent else RawSeries(kind, source, t, raw, factors, instance)
+    for name, ways in row.fields.items():
+        for field, unit in ways:
+            if (values := column(field)) is not None:
+                raw[name] = np.array(values)  # not a view: the rows need not stay for it
+                stated = (units or {}).get(field, "")
+                factors[name] = SI[stated if stated in SI and stated else unit]
+                break
+    silent = row.kind in NONE_IF_ZERO and not any(v.any() for v in raw.values())
+    if silent and raw and len(t) and notes is not None and NONE_IF_ZERO[row.kind] and row.noted:
+        notes.append(f"{source} left out as {row.kind}: it is zero throughout")
+    return None if not raw or not len(t) or silent else RawSeries(row.kind, source, t, raw, factors, instance)
 
 
 def series_of(several: Iterable[RawSeries | None]) -> Mapping[str, Series]:
@@ -139,11 +104,11 @@ def _series(series: RawSeries) -> Series:
 def _without_unknown(gps: Mapping[str, Array]) -> None:
     for name, absent in _ABSENT.items():
         gps[name][np.isclose(gps[name], absent, atol=1e-6)] = np.nan
-    for name in _SIGMAS:
+    for name in SIGMAS:
         gps[name][~(gps[name] > 0.0)] = np.nan  # 0 is "not known": the extension fields of an older sender
     nowhere = (gps["fix_type"] < _FIX_2D) | ((gps["lat_rad"] == 0.0) & (gps["lon_rad"] == 0.0))
-    nowhere |= ~(np.abs(gps["lat_rad"]) < POLE)
-    for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *_SIGMAS):
+    nowhere |= ~(np.abs(gps["lat_rad"]) < _POLE)
+    for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *SIGMAS):
         gps[name][nowhere] = np.nan
     gps["height_m"][gps["fix_type"] < _FIX_3D] = np.nan
 

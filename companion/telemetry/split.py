@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.mavlink import Dialect, Frames, Messages
 from companion.model import IMU_MESSAGES, Array, Vehicle, counted
@@ -22,8 +21,9 @@ from companion.telemetry.clock import (
     stale_start,
     steps_back,
 )
-from companion.telemetry.firmware import UNKNOWN, banner
+from companion.telemetry.firmware import UNKNOWN, banner, release
 from companion.telemetry.outliers import BoolArray
+from companion.telemetry.samples import majority
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
@@ -40,8 +40,8 @@ _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB
 
 
 @dataclass(frozen=True, slots=True)
-class Bystander:
-    """Someone who speaks in the log and is no vehicle."""
+class NonVehicle:
+    """A component that sends in the log and is no vehicle."""
 
     sysid: int
     compid: int
@@ -79,37 +79,35 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     return by_sender
 
 
-def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Vehicle | Bystander, tuple[str, ...]]:
-    """The vehicle that a sender is, or why it is none; and what was decided on the way, in words.
+def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect, notes: list[str]) -> Vehicle | NonVehicle:
+    """The vehicle that a sender is, or why it is none. What is decided on the way is noted.
 
     A heartbeat alone makes no vehicle, and one that contradicts the others changes none: the majority counts.
     """
-    states, notes = _STATE_MESSAGES & sender.keys(), []
+    states = _STATE_MESSAGES & sender.keys()
     autopilot = kind = UNKNOWN
     if "HEARTBEAT" in sender:
         beats = sender["HEARTBEAT"]
-        pairs, counts = np.unique(np.column_stack([beats["autopilot"], beats["type"]]), axis=0, return_counts=True)
-        most = int(np.argmax(counts))
-        autopilot = _enum_name(dialect, "MAV_AUTOPILOT", int(pairs[most, 0]))
-        kind = _enum_name(dialect, "MAV_TYPE", int(pairs[most, 1]))
-        if len(pairs) > 1:
-            notes.append(
-                f"{counts.sum() - counts[most]} of {counts.sum()} heartbeats contradict the others "
-                f"({autopilot} {kind}): ignored"
-            )
+        alike = beats.select(majority(beats["autopilot"], beats["type"]))
+        autopilot = _enum_name(dialect, "MAV_AUTOPILOT", int(alike["autopilot"][0]))
+        kind = _enum_name(dialect, "MAV_TYPE", int(alike["type"][0]))
         if kind in _NOT_VEHICLES:
-            return Bystander(*ids, f"its heartbeats say {kind}"), ()
+            return NonVehicle(*ids, f"its heartbeats say {kind}")
         if autopilot == "INVALID" and not states:
-            return Bystander(*ids, f"its heartbeats ({kind}) say that it is no autopilot"), ()
+            return NonVehicle(*ids, f"its heartbeats ({kind}) say that it is no autopilot")
         if not _VEHICLE_MESSAGES & sender.keys():
-            return Bystander(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle"), ()
+            return NonVehicle(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle")
+        if others := len(beats) - len(alike):
+            notes.append(f"{others} of {len(beats)} heartbeats contradict the others ({autopilot} {kind}): ignored")
     elif not states:
-        return Bystander(*ids, "no heartbeat, no attitude, no IMU, no position"), ()
+        return NonVehicle(*ids, "no heartbeat, no attitude, no IMU, no position")
     firmware = _banner(sender)
     if kind == UNKNOWN and firmware is not None:
         autopilot, (kind, _) = "ARDUPILOTMEGA", firmware
-    version = _version(sender) or (firmware[1] if firmware else "")
-    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=version), tuple(notes)
+    versions = sender.get("AUTOPILOT_VERSION")
+    version = release(0 if versions is None else int(versions["flight_sw_version"][-1]))
+    version = version or (firmware[1] if firmware else "")
+    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=version)
 
 
 def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
@@ -151,7 +149,7 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
 def _drop_off_course(sender: Sender) -> list[str]:
     """Read the messages' own times, and let go of those that leave the flight's course; a note of each such type."""
     times = {name: own for name, m in sender.items() if (own := device_time(m)) is not None}
-    sender.update({name: replace(sender[name], told=t) for name, t in times.items()})
+    sender.update({name: replace(sender[name], given=t) for name, t in times.items()})
     apart = off_course(times, ON_LINK)
     sender.update({name: sender[name].select(~mask) for name, mask in apart.items()})
     return left_out(times, apart)
@@ -203,13 +201,6 @@ def _enum_name(dialect: Dialect, enum: str, value: int) -> str:
     return names.get(value, f"{enum}_{value}").removeprefix(f"{enum}_")
 
 
-def _version(sender: Sender) -> str:
-    """ "4.7.0" from AUTOPILOT_VERSION (major, minor, patch, type, one byte each), else ""."""
-    versions = sender.get("AUTOPILOT_VERSION")
-    code = 0 if versions is None else int(versions["flight_sw_version"][-1])
-    return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""
-
-
 def _banner(sender: Sender) -> tuple[str, str] | None:
     """Type and version by ArduPilot's banner, which is sent with the parameters."""
     if "STATUSTEXT" not in sender:
@@ -224,13 +215,12 @@ _ROUND = 2000  # frames between two counts
 _FADED = 0.5  # frames: half of a count is forgotten at each of the next
 
 
-class Crowd:
+class BusiestSenders:
     """Lets the frames of at most so many senders through; up to 64, and there is no crowd, all of them."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(1 << 16)  # by sysid << 8 | compid, fading
-        self._heard = self._counts > 0
-        self._chosen: npt.NDArray[np.bool_] | None = None  # by the same; None: everybody
+        self._chosen: BoolArray | None = None  # by the same; None: everybody
         self._frames = 0  # since the last count
 
     def admit(self, frames: Frames) -> Frames:
@@ -238,27 +228,20 @@ class Crowd:
         if not len(frames):
             return frames
         sender = frames.sysid.astype(np.intp) << 8 | frames.compid
+        someone_new = not self._counts[sender].all()
         np.add.at(self._counts, sender, 1.0)
         self._frames += len(frames)
-        someone_new = not self._heard[sender].all()
-        self._heard[sender] = True
-        if someone_new and self._chosen is None and self._heard.sum() > _MOST_SENDERS:
+        if self._frames >= _ROUND or (someone_new and self._chosen is None):
             self._choose()
-        elif self._frames >= _ROUND:
-            self._count_again()
+        if self._frames >= _ROUND:
+            self._frames = 0
+            self._counts *= 0.5
+            self._counts[self._counts < _FADED] = 0.0
         return frames if self._chosen is None else frames.select(self._chosen[sender])
 
-    def _count_again(self) -> None:
-        self._choose()
-        self._frames = 0
-        self._counts *= 0.5
-        self._counts[self._counts < _FADED] = 0.0
-        self._heard = self._counts > 0
-
     def _choose(self) -> None:
-        if self._heard.sum() <= _MOST_SENDERS:
-            self._chosen = None
-            return
-        most = np.argpartition(self._counts, -_MOST_IN_A_CROWD)[-_MOST_IN_A_CROWD:]
-        self._chosen = np.zeros(len(self._counts), np.bool_)
-        self._chosen[most[self._counts[most] >= _LEAST_SHARE * self._counts.sum()]] = True
+        self._chosen = None
+        if np.count_nonzero(self._counts) > _MOST_SENDERS:
+            most = np.argpartition(self._counts, -_MOST_IN_A_CROWD)[-_MOST_IN_A_CROWD:]
+            self._chosen = np.zeros(len(self._counts), np.bool_)
+            self._chosen[most[self._counts[most] >= _LEAST_SHARE * self._counts.sum()]] = True

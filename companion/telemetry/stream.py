@@ -12,24 +12,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.mavlink import (
     DEFAULT_DIALECT,
     Decoder,
     Frames,
+    Growing,
     Messages,
-    as_bytes,
+    grouped,
     load_dialect,
     log_time,
-    split_messages,
 )
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack
 from companion.telemetry import convert
 from companion.telemetry.clock import device_time, reboots, sender_clock
 from companion.telemetry.convert import ned_between
 from companion.telemetry.flights import NEEDED, flights
-from companion.telemetry.parameters import known_ranges, with_facts
-from companion.telemetry.split import Crowd, senders
+from companion.telemetry.split import BusiestSenders, senders
 
 _AHEAD_S = 5.0  # of what is known: a time that is further on than that is none of this flight's, or after a gap
 _SAME_S = 1e-6
@@ -58,25 +58,19 @@ def newest_tracks(
     None where they cannot simply go on from it: after a reboot or a gap, where their times are not those of the
     flight, or where one of them says nothing. Then the whole flight is to be looked at.
     """
-    turn = convert.trim(flight.parameters) if flight.vehicle.autopilot == "ARDUPILOTMEGA" else None
+    turns = convert.turns(flight.parameters, []) if flight.vehicle.autopilot == "ARDUPILOTMEGA" else convert.UNTURNED
     attitude = position = None
     track: ImuTrack | None = None
     for name in sources(flight, imu):
         sent = _of_vehicle(flight, messages.get(name))
-        t = None if sent is None else device_time(sent)
-        if sent is None or t is None or len(t) < 2:
+        if sent is None or len(sent) < 2:
             return None
         if name == imu:
-            ranges = known_ranges(flight.vehicle, flight.parameters, flight.imus[imu].instance)
-            track, _ = convert.imu_track(sent, t, dequantise=dequantise, ranges=ranges)
-            if track is None:
-                return None
-            track = with_facts(track, flight.vehicle, flight.parameters)
-            track = track if turn is None else convert.turned(track, turn[0])
+            track = convert.imu(sent, flight.vehicle, flight.parameters, turns, [], dequantise=dequantise)
         elif name.startswith("ATTITUDE"):
-            attitude, _ = convert.attitude_track(sent, t)
+            attitude = convert.attitude(sent, [])
         elif name == "LOCAL_POSITION_NED":
-            position, _ = convert.position_track(sent, t)
+            position = convert.position(sent, [])
         else:
             return None  # a position on the globe is seen from where the flight began
     if track is None or attitude is None or flight.attitude is None:
@@ -88,8 +82,11 @@ def newest_tracks(
 
 
 def _of_vehicle(flight: Flight, sent: Messages | None) -> Messages | None:
+    """With the times that they carry; None where they carry none."""
     vehicle = flight.vehicle
-    return None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
+    sent = None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
+    t = None if sent is None else device_time(sent)
+    return None if sent is None or t is None else replace(sent, given=t)
 
 
 def _goes_on(t: Array, known: Array) -> bool:
@@ -132,8 +129,8 @@ class Stream:
         self.window_s = window_s
         self._dequantise = dequantise
         self._decoder = Decoder(self.dialect, stamped=stamped)
-        self._crowd = Crowd() if window_s is not None else None
-        self._columns: dict[str, _Column] = {}
+        self._busiest = BusiestSenders() if window_s is not None else None
+        self._columns: dict[str, Growing] = {}
         self._begin = self._newest = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
         self._firmware: dict[tuple[int, int], str] = {}  # vehicle → what it said it runs, which it may say only once
@@ -149,16 +146,15 @@ class Stream:
 
     def add(self, frames: Frames, received: float | None = None) -> None:
         """Take frames that were decoded elsewhere (`Session.listen`); received: s UNIX, where they have no stamp."""
-        if self._crowd is not None:
-            frames = self._crowd.admit(frames)
+        if self._busiest is not None:
+            frames = self._busiest.admit(frames)
         if received is not None:
             frames = replace(frames, stamp=np.full(len(frames), round(received * 1e6), np.uint64))
-        for name, messages in split_messages(frames, self.dialect, NEEDED).items():
-            column = self._columns.get(name)
-            if column is None:
-                column = self._columns[name] = _Column(messages)
-            column.add(messages)
         times = log_time(frames.stamp)
+        for layout, index in grouped(frames, self.dialect):
+            if layout.name not in self._columns:
+                self._columns[layout.name] = Growing(layout, wanted=layout.name in NEEDED)
+            self._columns[layout.name].add(frames, index, times)
         times = times[np.isfinite(times)]
         if len(times):
             self._newest = float(np.fmax(self._newest, times.max()))
@@ -168,13 +164,14 @@ class Stream:
 
     def flights(self) -> list[Flight]:
         """The flights in everything that is kept: without a window the same as those of the whole log."""
-        return self._flights({name: column.all() for name, column in self._columns.items()})
+        return self._flights({name: column.messages() for name, column in self._columns.items()})
 
     def recent(self, seconds: float) -> list[Flight]:
         """The flights in what arrived in the last so many seconds: cheap enough for every frame of a display."""
         since = self._newest - seconds
-        columns = {n: c.all() if n in _TELLING else c.since(since) for n, c in self._columns.items()}
-        return self._flights({name: messages for name, messages in columns.items() if len(messages)})
+        columns = {name: column.messages() for name, column in self._columns.items()}
+        late = {n: messages if n in _TELLING else _since(messages, since) for n, messages in columns.items()}
+        return self._flights({name: messages for name, messages in late.items() if len(messages)})
 
     @property
     def newest(self) -> float:
@@ -188,7 +185,7 @@ class Stream:
         can tell (see `newest_tracks`).
         """
         columns = {name: self._columns[name] for name in sources(flight, imu) if name in self._columns}
-        newest = {name: column.since(since) for name, column in columns.items()}
+        newest = {name: _since(column.messages(), since) for name, column in columns.items()}
         return newest_tracks(flight, imu, newest, dequantise=self._dequantise)
 
     @property
@@ -232,79 +229,22 @@ class Stream:
     def _trim(self, since: float) -> None:
         self.flights()  # which remembers what is said only once: reboots, origin, firmware
         for name, column in self._columns.items():
-            if name in _LASTING:
-                column.keep_last(_LASTING[name])
-            else:
-                column.trim(since)
+            messages = column.messages()
+            lasting = name in _LASTING
+            column.keep(_last_of_each(messages, _LASTING[name]) if lasting else ~(messages.log_time < since))
         self._columns = {name: column for name, column in self._columns.items() if len(column)}
         self._begin = since
 
 
-class _Column:
-    """The messages of one type, with room behind them for those to come: what is given out shares their memory.
-
-    Nothing that has been written is ever changed: what was given out stays as it is.
-    """
-
-    def __init__(self, like: Messages) -> None:
-        self._room = like.select(slice(0, 0))
-        self._read = len(like.rows) == len(like)  # whether their fields are wanted
-        self._first = self._end = 0  # of those that are kept
-
-    def __len__(self) -> int:
-        return self._end - self._first
-
-    def add(self, piece: Messages) -> None:
-        if self._end + len(piece) > len(self._room):
-            self._make_room(len(piece))
-        self._write(piece, self._end)
-        self._end += len(piece)
-
-    def all(self) -> Messages:
-        return self._room.select(slice(self._first, self._end))
-
-    def since(self, t: float) -> Messages:
-        """Those that arrived at `t` s UNIX or later; all without a time."""
-        late = ~(self._room.log_time[self._first : self._end] < t)
-        first = int(late.argmax()) if late.any() else len(late)
-        kept = self._room.select(slice(self._first + first, self._end))
-        return kept.select(late[first:])  # all of them, unless stamps go backwards
-
-    def trim(self, t: float) -> None:
-        """Forget what arrived before `t`."""
-        self._keep(self.since(t))
-
-    def keep_last(self, field: str | None) -> None:
-        """Forget all but the last of each sender, and of each value of the field."""
-        messages = self.all()
-        values = messages[field].tolist() if field else [b""] * len(messages)
-        last = {
-            key: i for i, key in enumerate(zip(messages.sysid.tolist(), messages.compid.tolist(), values, strict=True))
-        }
-        self._keep(messages.select(np.array(sorted(last.values()))))
-
-    def _keep(self, kept: Messages) -> None:
-        self._room, self._first, self._end = kept, 0, len(kept)
-
-    def _make_room(self, count: int) -> None:
-        """For so many more, and as many again as there are then."""
-        held = self.all()
-        size = 2 * (len(held) + count)
-        self._room = Messages(
-            held.layout,
-            **{name: np.empty(size, getattr(held, name).dtype) for name in _COLUMNS},
-            rows=np.empty(size if self._read else 0, held.rows.dtype),
-        )
-        self._write(held, 0)
-        self._first, self._end = 0, len(held)
-
-    def _write(self, piece: Messages, at: int) -> None:
-        part = slice(at, at + len(piece))
-        for name in _COLUMNS:
-            getattr(self._room, name)[part] = getattr(piece, name)
-        if self._read:
-            as_bytes(self._room.rows)[part] = as_bytes(piece.rows)
+def _since(messages: Messages, t: float) -> Messages:
+    """Those that arrived at `t` s UNIX or later; all without a time."""
+    late = ~(messages.log_time < t)
+    first = int(late.argmax()) if late.any() else len(late)
+    return messages.select(slice(first, None)).select(late[first:])  # all of them, unless stamps go backwards
 
 
-_COLUMNS = ("offset", "log_time", "sysid", "compid", "seq", "crc")
-"""Of `Messages`, beside the rows."""
+def _last_of_each(messages: Messages, field: str | None) -> npt.NDArray[np.int64]:
+    """The last of each sender, and of each value of the field."""
+    values = messages[field].tolist() if field else [b""] * len(messages)
+    keys = zip(messages.sysid.tolist(), messages.compid.tolist(), values, strict=True)
+    return np.array(sorted({key: i for i, key in enumerate(keys)}.values()), np.int64)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.model import Array, PositionTrack, Series
+from companion.model import Array, PositionTrack, Series, rows
 from companion.telemetry.outliers import BoolArray
 
 _POSITION = 0b11000  # horizontal position, relative or absolute
@@ -37,5 +37,5 @@ def valid_position(track: PositionTrack | None, status: Series | None, notes: li
         return track
     lost = f"{np.count_nonzero(~valid)} of {len(track)}"
     notes.append(f"{track.source}: {lost} samples left out: {status.source} says that the position is not valid")
-    kept = PositionTrack(track.t[valid], track.position[valid], track.velocity[valid], track.source)
+    kept = rows(track, valid)
     return kept if len(kept) > 1 else None

@@ -43,7 +43,7 @@ from companion.model import (
 )
 from companion.strapdown import motions
 from companion.telemetry.flights import NEEDED
-from companion.telemetry.quantities import COLUMNS
+from companion.telemetry.sources import COLUMNS
 from tests.flights import flown, seconds
 from tests.tlogs import Writer, resting
 

@@ -145,8 +145,8 @@ def test_of_a_crowd_only_those_who_say_the_most_are_counted(udp: Link) -> None:
             peer.send(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(made_up))
             if i % 100 == 99:  # no more at once than a socket holds
                 frames_until(udp, 199 if i == 299 else 200)
-    assert len(udp.health.heard) == len(udp.health.lost) <= 512
-    assert udp.health.heard[1, 1] == 799
+    assert len(udp.health.received) == len(udp.health.lost) <= 512
+    assert udp.health.received[1, 1] == 799
     assert udp.health.lost[1, 1] == 1
 
 
@@ -249,7 +249,7 @@ def test_who_speaks_mavlink_1_is_answered_so(udp: Link) -> None:
 
 
 def test_who_begins_with_mavlink_1_hears_that_we_speak_2(udp: Link) -> None:
-    """ArduPilot (SERIALn_PROTOCOL 2) and PX4 (MAV_PROTO_VER 0) change over when they hear a frame of 2, not before."""
+    """ArduPilot (SERIALn_PROTOCOL 2) and PX4 (MAV_PROTO_VER 0) change over when they hear 2, not before."""
     with udp_peer(udp.port) as peer:
         peer.send(next(link_frames(1, version=1)))
         frames_until(udp, 1)

@@ -57,7 +57,7 @@ def test_this_is_all_that_is_ever_sent() -> None:
 
         def agreed() -> bool:
             session.step(0.02)
-            asked = [asked.rates for asked in session.asked.values() if asked.rates]
+            asked = [asked.rates for asked in session.requested.values() if asked.rates]
             return len(asked) == len(vehicles) and all(rates.settled for rates in asked)
 
         wait_for(agreed)

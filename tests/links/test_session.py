@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.links import Choice, Link, Recorder, Session
-from companion.links.request_table import wanted_from
+from companion.links.request_table import desired_from
 from companion.logs import read_tlog
 from companion.mavlink import Packer
 from tests.links.link import link_frames, unknown_frame
@@ -23,7 +23,7 @@ def heartbeat(sysid: int, *, kind: int, autopilot: int = 3, compid: int = 1) -> 
     return Packer(sysid, compid).pack("HEARTBEAT", {"type": kind, "autopilot": autopilot, "mavlink_version": 3})
 
 
-def hear(session: Session, frames: int) -> None:
+def receive(session: Session, frames: int) -> None:
     """Step until so many frames have been received since the session began."""
 
     def heard() -> bool:
@@ -38,13 +38,13 @@ def test_ground_stations_gimbals_and_companions_are_no_vehicles() -> None:
         session = Session(link)
         for beat in (heartbeat(255, kind=6), heartbeat(1, kind=26, compid=154), heartbeat(1, kind=18, compid=191)):
             peer.send(beat)
-        hear(session, 3)
+        receive(session, 3)
         assert session.vehicles == {}
         assert set(link.health.sent) == {"HEARTBEAT"}
         peer.send(heartbeat(7, kind=2))
-        hear(session, 4)
+        receive(session, 4)
         assert [str(target) for target in session.vehicles] == ["7:1"]
-        assert session.said == ["vehicle 7:1 (ARDUPILOTMEGA) is heard"]
+        assert session.reported == ["vehicle 7:1 (ARDUPILOTMEGA) is heard"]
         assert link.health.sent["COMMAND_LONG"] > 0
 
 
@@ -52,10 +52,10 @@ def test_a_chosen_vehicle_is_waited_for() -> None:
     with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
         session = Session(link, choice=Choice(vehicle="2:1"))
         peer.send(heartbeat(1, kind=2))
-        hear(session, 1)
+        receive(session, 1)
         assert session.rates is None
         peer.send(heartbeat(2, kind=2))
-        hear(session, 2)
+        receive(session, 2)
         assert session.rates is not None
         assert str(session.rates.target) == "2:1"
 
@@ -65,9 +65,9 @@ def test_a_crowd_that_is_made_up_does_not_fill_the_memory() -> None:
         session = Session(link)
         for sysid in range(1, 121):
             peer.send(heartbeat(sysid, kind=2))
-        hear(session, 120)
+        receive(session, 120)
         assert len(session.vehicles) == 64
-        assert sum("64 vehicles are heard, and more" in sentence for sentence in session.said) == 1
+        assert sum("64 vehicles are heard, and more" in sentence for sentence in session.reported) == 1
 
 
 def test_frames_are_handed_on_to_each_listener_with_the_time_of_their_arrival() -> None:
@@ -79,7 +79,7 @@ def test_frames_are_handed_on_to_each_listener_with_the_time_of_their_arrival() 
         session.listen(lambda frames, _: beside.append(len(frames)))
         for _ in range(5):
             peer.send(heartbeat(1, kind=2))
-        hear(session, 5)
+        receive(session, 5)
     assert sum(count for count, _ in taken) == sum(beside) == 5
     assert np.ptp([received - time.time() for _, received in taken]) < 5.0
 
@@ -91,7 +91,9 @@ def test_a_vehicle_without_an_imu_is_told_of() -> None:
         def told() -> int:
             peer.send(heartbeat(1, kind=2))
             session.step(0.02)
-            return sum("sends no IMU message (--listen-only asks for none)" in sentence for sentence in session.said)
+            return sum(
+                "sends no IMU message (--listen-only asks for none)" in sentence for sentence in session.reported
+            )
 
         wait_for(told)
         assert [told() for _ in range(5)] == [1] * 5
@@ -111,7 +113,7 @@ def test_loss_is_counted_for_the_vehicle_and_not_for_whom_it_forwards() -> None:
         del packets[5]
         for packet in packets:
             peer.send(packet)
-        hear(session, len(packets))
+        receive(session, len(packets))
         report = session.report()
     assert report.lost == 1
     assert report.lost_by == {"1:1": pytest.approx(0.05)}
@@ -124,10 +126,10 @@ def test_a_vehicle_that_signs_is_said_to_want_a_key() -> None:
         def told() -> int:
             peer.send(packer.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3}))
             session.step(0.02)
-            return sum("signs its messages, and obeys only requests that are signed" in s for s in session.said)
+            return sum("signs its messages, and obeys only requests that are signed" in s for s in session.reported)
 
         wait_for(told)
-        assert not any("raise the stream rate" in sentence for sentence in session.said)
+        assert not any("raise the stream rate" in sentence for sentence in session.reported)
 
 
 def test_frames_of_unknown_ids_are_recorded_and_are_no_loss(tmp_path: Path) -> None:
@@ -141,7 +143,7 @@ def test_frames_of_unknown_ids_are_recorded_and_are_no_loss(tmp_path: Path) -> N
         session = Session(link, recorder=recorder)
         for frame in frames:
             peer.send(frame)
-        hear(session, 100)
+        receive(session, 100)
         assert session.report().lost == 0
     stream, at = path.read_bytes(), 0
     for frame in frames:
@@ -160,7 +162,7 @@ def test_what_was_found_outlives_a_session_that_is_killed(tmp_path: Path, monkey
         assert "127.0.0.1" in file.name
         nxt = Session(link, remember=True)
         wait_for(lambda: nxt.step(0.02) is not None and nxt.rates is not None and nxt.rates.settled)
-        assert any("an earlier companion on this link" in sentence for sentence in nxt.said)
+        assert any("an earlier companion on this link" in sentence for sentence in nxt.reported)
         begin = time.monotonic()
         assert nxt.leave()
         assert time.monotonic() - begin < 2.0
@@ -200,10 +202,10 @@ def test_a_reboot_is_no_loss(sequence: int, *, listen_only: bool) -> None:
             for packet in packets:
                 peer.send(packet)
             sent += len(packets)
-            hear(session, sent)
+            receive(session, sent)
             time.sleep(0.3)  # the second boot began 0.1 s before its first message, and so after the first's last
         peer.send(packer.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3}))
-        hear(session, sent + 1)
+        receive(session, sent + 1)
         assert session.report().lost in (3, 6)
 
 
@@ -223,7 +225,7 @@ def test_intervals_are_given_back_when_the_first_requests_are_lost() -> None:
 
             vehicle.receive = lossy  # type: ignore[method-assign]
             session.leave()
-            asked = len(wanted_from("ARDUPILOTMEGA"))
+            asked = len(desired_from("ARDUPILOTMEGA"))
             assert link.health.sent["COMMAND_LONG"] - sent <= 4 * 2 * asked, "then it leaves all the same"
             wait_for(lambda: {vehicle.interval_us(name) for name in ("RAW_IMU", "HIGHRES_IMU", "ATTITUDE")} == {-1})
 
@@ -249,13 +251,13 @@ def test_what_is_not_confirmed_is_said_and_left_to_the_next_session(
         assert time.monotonic() - begin < 2.0
         assert vehicle.interval_us("RAW_IMU") == 10_000
         (file,) = tmp_path.rglob("*.json")
-        (said,) = (sentence for sentence in first.said if "has not confirmed" in sentence)
+        (said,) = (sentence for sentence in first.reported if "has not confirmed" in sentence)
         assert "RAW_IMU" in said
         assert str(file) in said
         vehicle.receive = receive  # type: ignore[method-assign]
         second = Session(link, remember=True)
         wait_for(lambda: settled(second))
-        assert any("has not restored all message intervals of vehicle 1:1" in sentence for sentence in second.said)
+        assert any("has not restored all message intervals of vehicle 1:1" in sentence for sentence in second.reported)
         assert second.leave()
         assert vehicle.interval_us("RAW_IMU") == 250_000
         assert not file.exists()
@@ -276,8 +278,8 @@ def test_among_made_up_vehicles_the_one_with_an_imu_is_asked(monkeypatch: pytest
         made_up = crowd(65_024)
         for _ in range(100):
             stranger.send(next(made_up))
-        hear(session, 100)
-        assert [str(target) for target in session.asked] == ["2:1"]
+        receive(session, 100)
+        assert [str(target) for target in session.requested] == ["2:1"]
         with flying(link.port, streams={"RAW_IMU": 4.0}) as vehicle:
 
             def agreed() -> bool:
@@ -287,8 +289,8 @@ def test_among_made_up_vehicles_the_one_with_an_imu_is_asked(monkeypatch: pytest
                 return vehicle.interval_us("RAW_IMU") == 10_000
 
             wait_for(agreed)
-            assert [str(target) for target in session.asked] == ["1:1"]
-            assert "vehicle 2:1 sends no IMU message, and 1:1 does: asking that one" in session.said
+            assert [str(target) for target in session.requested] == ["1:1"]
+            assert "vehicle 2:1 sends no IMU message, and 1:1 does: asking that one" in session.reported
             assert len(session.vehicles) <= 65
             assert session.leave(), "of who never was there nothing has to be restored"
             assert vehicle.interval_us("RAW_IMU") == 250_000
@@ -299,11 +301,11 @@ def test_a_vehicle_that_is_named_is_found_in_any_crowd() -> None:
         session = Session(link, choice=Choice(vehicle="1"))
         for beat in crowd(100):
             peer.send(beat)
-        hear(session, 100)
-        assert not session.asked
+        receive(session, 100)
+        assert not session.requested
         peer.send(heartbeat(1, kind=2))
-        hear(session, 101)
-        assert [str(target) for target in session.asked] == ["1:1"]
+        receive(session, 101)
+        assert [str(target) for target in session.requested] == ["1:1"]
 
 
 def test_a_vehicle_whose_imu_comes_is_kept_whoever_else_sends_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,8 +316,8 @@ def test_a_vehicle_whose_imu_comes_is_kept_whoever_else_sends_one(monkeypatch: p
             peer.send(Packer(sysid, 1).pack(*imu))
             peer.send(heartbeat(sysid, kind=2))
             peer.send(Packer(sysid, 1).pack(*imu))
-            hear(session, session.link.health.frames + 3)
-        assert [str(target) for target in session.asked] == ["3:1"]
+            receive(session, session.link.health.frames + 3)
+        assert [str(target) for target in session.requested] == ["3:1"]
 
 
 def test_what_breaks_beside_the_recording_is_said_once_and_ends_nothing() -> None:
@@ -323,6 +325,6 @@ def test_what_breaks_beside_the_recording_is_said_once_and_ends_nothing() -> Non
         session = Session(link)
         for _ in range(3):
             session.beside([].pop)
-        assert session.said == [
+        assert session.reported == [
             "what was heard could not be dealt with (IndexError: pop from empty list); the recording goes on"
         ]

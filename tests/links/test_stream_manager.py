@@ -13,7 +13,7 @@ import pytest
 
 from companion.links import StreamManager, Target
 from companion.links.original_rates import OriginalRatesFile
-from companion.links.request_table import fit, load, wanted_from
+from companion.links.request_table import desired_from, fit, load
 from companion.mavlink import Decoder, Packer, load_dialect, split_messages
 from companion.simulate import Faults, SimulatedVehicle, fly
 from companion.telemetry import NEEDED
@@ -21,7 +21,7 @@ from companion.telemetry import NEEDED
 pytestmark = pytest.mark.slow
 
 DIALECT = load_dialect()
-WANTED = wanted_from("ARDUPILOTMEGA")
+WANTED = desired_from("ARDUPILOTMEGA")
 ABSENT = ("GPS2_RAW", "SCALED_IMU3", "ATTITUDE_TARGET")  # the simulated vehicle has no such sensors
 COMING = WANTED | dict.fromkeys(ABSENT, 0.0)
 STEP_S = 0.1  # between two looks at the link
@@ -55,7 +55,7 @@ class Conversation:
         for _ in range(round(seconds / STEP_S)):
             self.t += STEP_S
             data = b"".join(packet for _, packet in self.vehicle.advance(self.t))
-            self.rates.hear(split_messages(self._decoder.push(data), DIALECT), self.t)
+            self.rates.receive(split_messages(self._decoder.push(data), DIALECT), self.t)
             if request := self.rates.next_request(self.t):
                 self.sent[request.name] += 1
                 self.vehicle.receive(self._packer.pack(request.name, request.fields))
@@ -68,8 +68,8 @@ class Conversation:
     def received(self) -> dict[str, float]:
         return {message.name: message.received_hz for message in self.rates.stream_requests}
 
-    def said(self) -> str:
-        return "\n".join(self.rates.said)
+    def reported(self) -> str:
+        return "\n".join(self.rates.reported)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None
     talk = Conversation(streams={"ATTITUDE": 4.0})
     talk.run(25.0)
     assert talk.received() == pytest.approx(COMING, rel=0.05), "of a look or window one more or less"
-    assert talk.said() == (
+    assert talk.reported() == (
         "the vehicle does not send GPS2_RAW, SCALED_IMU3, ATTITUDE_TARGET: it has no such sensor, or its firmware no "
         "such message"
     )
@@ -113,22 +113,22 @@ def test_a_third_of_the_packets_lost_is_not_being_turned_down() -> None:
     # over 5 s, 5 messages a second or more: of fewer chance is too large a part
     often = {name: 0.7 * hz for name, hz in COMING.items() if hz >= 5}
     assert {name: talk.received()[name] for name in often} == pytest.approx(often, rel=0.25)
-    assert "again" not in talk.said()
+    assert "again" not in talk.reported()
 
 
 def test_what_is_too_fast_for_the_loop_is_lowered_and_said() -> None:
     talk = Conversation(wanted={"RAW_IMU": 500.0})
     talk.run(10.0)
     assert talk.received()["RAW_IMU"] == pytest.approx(333.0, rel=0.03), "the fastest of a loop of 400 Hz"
-    assert "500 Hz is refused, 333 Hz arrive" in talk.said()
+    assert "500 Hz is refused, 333 Hz arrive" in talk.reported()
 
 
 def test_firmware_that_denies_intervals_is_asked_for_its_streams() -> None:
     talk = Conversation(faults=Faults(denied=frozenset("*")), wanted={"ATTITUDE": 20.0, "HIGHRES_IMU": 20.0})
     talk.run(15.0)
     assert talk.received()["ATTITUDE"] == pytest.approx(20.0, rel=0.05)
-    assert "ATTITUDE: the vehicle refuses it; asking for its stream instead" in talk.said()
-    assert "HIGHRES_IMU: the vehicle refuses it; given up" in talk.said()
+    assert "ATTITUDE: the vehicle refuses it; asking for its stream instead" in talk.reported()
+    assert "HIGHRES_IMU: the vehicle refuses it; given up" in talk.reported()
     assert talk.sent["REQUEST_DATA_STREAM"] == 1
     talk.leave()
     assert talk.vehicle.interval_us("ATTITUDE") == -1
@@ -137,8 +137,8 @@ def test_firmware_that_denies_intervals_is_asked_for_its_streams() -> None:
 def test_a_message_that_is_promised_and_never_comes_is_given_up() -> None:
     talk = Conversation(faults=Faults(never=frozenset({"HIGHRES_IMU"})), wanted={"HIGHRES_IMU": 50.0})
     talk.run(80.0)
-    assert talk.said().count("asking again") == 4
-    assert talk.said().endswith("HIGHRES_IMU: 0.0 of 50 Hz arrive: it has no source; given up")
+    assert talk.reported().count("asking again") == 4
+    assert talk.reported().endswith("HIGHRES_IMU: 0.0 of 50 Hz arrive: it has no source; given up")
     requests = talk.sent["COMMAND_LONG"]
     talk.run(20.0)
     assert talk.sent["COMMAND_LONG"] == requests, "no fight"
@@ -148,20 +148,20 @@ def test_a_position_that_comes_late_has_a_source() -> None:
     """ArduPilot sends none before its EKF has an origin, which takes 40 s and a GPS."""
     talk = Conversation(faults=Faults(never=frozenset({"LOCAL_POSITION_NED"})), wanted={"LOCAL_POSITION_NED": 20.0})
     talk.run(80.0)
-    assert talk.said().endswith("the autopilot's estimate has no position yet (GPS?); given up")
+    assert talk.reported().endswith("the autopilot's estimate has no position yet (GPS?); given up")
 
 
 def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
     talk = Conversation(faults=Faults(turned_down=(12.0,)))
     talk.run(30.0)
-    assert "RAW_IMU: " in talk.said()
-    assert "asking again" in talk.said()
+    assert "RAW_IMU: " in talk.reported()
+    assert "asking again" in talk.reported()
     often = {name: hz for name, hz in COMING.items() if hz != 1.0}  # 2 Hz are more than 1, and left alone
     assert {name: talk.received()[name] for name in often} == pytest.approx(often, rel=0.03)
     stubborn = Conversation(faults=Faults(turned_down=tuple(range(10, 120))), wanted={"RAW_IMU": 100.0})
     stubborn.run(90.0)
-    assert stubborn.said().count("asking again") == 4
-    assert "another program is probably overriding the rate" in stubborn.said()
+    assert stubborn.reported().count("asking again") == 4
+    assert "another program is probably overriding the rate" in stubborn.reported()
     assert stubborn.sent["COMMAND_LONG"] < 12
 
 
@@ -176,26 +176,26 @@ def test_what_was_given_up_and_comes_again_is_watched_again() -> None:
             packets = b"".join(packer.pack("RAW_IMU", {}) for _ in range(round(hz / 5)))
             if (request := rates.next_request(now)) is not None and request.fields.get("command") == 511:
                 packets += packer.pack("COMMAND_ACK", {"command": 511, "target_system": 240})
-            rates.hear(split_messages(decoder.push(packets), DIALECT), now)
+            rates.receive(split_messages(decoder.push(packets), DIALECT), now)
 
     arrive(0.0, 80.0, 25.0)
-    assert rates.said[-1].endswith("given up")
+    assert rates.reported[-1].endswith("given up")
     arrive(80.0, 100.0, 100.0)
-    assert rates.said[-1].endswith("Hz arrive again")
+    assert rates.reported[-1].endswith("Hz arrive again")
 
 
 def test_not_now_is_no_refusal() -> None:
     rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
     packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
 
-    def hear(now: float, name: str, **fields: int) -> None:
-        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+    def receive(now: float, name: str, **fields: int) -> None:
+        rates.receive(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
 
-    hear(0.0, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    receive(0.0, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
     assert rates.next_request(0.1) is not None
-    hear(0.2, "COMMAND_ACK", command=511, result=1, target_system=240)
-    hear(1.0, "HEARTBEAT", autopilot=3)
-    assert rates.said == []
+    receive(0.2, "COMMAND_ACK", command=511, result=1, target_system=240)
+    receive(1.0, "HEARTBEAT", autopilot=3)
+    assert rates.reported == []
     again = rates.next_request(1.3)
     assert again is not None
     assert again.fields["command"] == 511
@@ -204,8 +204,8 @@ def test_not_now_is_no_refusal() -> None:
 def test_after_a_reboot_everything_is_asked_again() -> None:
     talk = Conversation(faults=Faults(reboot=(20.0,)))
     talk.run(40.0)
-    assert "vehicle 1:1 sends nothing of what was agreed any more: asking again" in talk.said()
-    assert "vehicle 1:1 has rebooted: asking again" in talk.said()
+    assert "vehicle 1:1 sends nothing of what was agreed any more: asking again" in talk.reported()
+    assert "vehicle 1:1 has rebooted: asking again" in talk.reported()
     assert talk.received() == pytest.approx(COMING, rel=0.03)
 
 
@@ -215,13 +215,13 @@ def test_after_a_silence_everything_is_asked_again() -> None:
     assert set(talk.received().values()) == {0.0}
     asked = talk.sent.total()
     talk.run(16.0)
-    assert "back after 10 s" in talk.said()
+    assert "back after 10 s" in talk.reported()
     assert talk.sent.total() > asked
     assert talk.received() == pytest.approx(COMING, rel=0.03)
 
 
 def test_px4_is_asked_for_its_independent_imu() -> None:
-    wanted = wanted_from("PX4")
+    wanted = desired_from("PX4")
     assert next(iter(wanted)) == "SCALED_IMU"
     assert {"HIGHRES_IMU", "ESTIMATOR_STATUS", "ODOMETRY"} <= wanted.keys()
     assert not {"RAW_IMU", "EKF_STATUS_REPORT"} & wanted.keys()
@@ -235,16 +235,16 @@ def test_answers_to_others_are_not_taken_for_ours() -> None:
     rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
     packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
 
-    def hear(now: float, name: str, **fields: int) -> None:
-        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+    def receive(now: float, name: str, **fields: int) -> None:
+        rates.receive(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
 
-    hear(0.0, "HEARTBEAT", autopilot=3)
+    receive(0.0, "HEARTBEAT", autopilot=3)
     assert rates.next_request(0.0) is not None
-    hear(0.1, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    receive(0.1, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
     assert rates.next_request(0.2) is not None
-    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=255)
+    receive(0.3, "COMMAND_ACK", command=511, result=2, target_system=255)
     assert not rates.settled
-    hear(0.4, "COMMAND_ACK", command=511, result=0, target_system=240)
+    receive(0.4, "COMMAND_ACK", command=511, result=0, target_system=240)
     assert rates.settled
 
 
@@ -253,17 +253,17 @@ def test_two_vehicles_with_one_id_are_told_of_and_not_asked_for_ever() -> None:
     packer, decoder, sent = Packer(1, 1), Decoder(DIALECT, stamped=False), 0
     for i in range(2000):
         packet = packer.pack("ATTITUDE", {"time_boot_ms": 1000 * (100 if i % 2 else 500) + 10 * i})
-        rates.hear(split_messages(decoder.push(packet), DIALECT), 0.01 * i)
+        rates.receive(split_messages(decoder.push(packet), DIALECT), 0.01 * i)
         sent += rates.next_request(0.01 * i) is not None
-    assert sum("two clocks speak as vehicle 1:1" in sentence for sentence in rates.said) == 1
-    assert len(rates.said) < 8
+    assert sum("two clocks speak as vehicle 1:1" in sentence for sentence in rates.reported) == 1
+    assert len(rates.reported) < 8
     assert sent < 40
 
 
 @pytest.mark.parametrize("autopilot", ["ARDUPILOTMEGA", "PX4", "GENERIC"])
 @pytest.mark.parametrize("baud", [9600, 19200, 57600, 115200, 230400])
 def test_a_slow_line_is_not_asked_for_more_than_it_carries(autopilot: str, baud: int) -> None:
-    wanted = wanted_from(autopilot)
+    wanted = desired_from(autopilot)
     fitting, warning = fit(wanted, DIALECT, baud / 10)
     assert load(fitting, DIALECT) <= 0.7 * baud / 10 + 1e-6
     assert (fitting == wanted) == (warning == "")
@@ -289,7 +289,7 @@ def test_ardupilot_keeps_ten_intervals_for_a_link(autopilot: str) -> None:
     """A further one would silently become the nearest of them; streams of a ground station take some too."""
     for imu_hz in (50.0, 100.0, 200.0, 333.0):
         for line in (None, 5760.0, 11_520.0):
-            wanted, _ = fit(wanted_from(autopilot, imu_hz=imu_hz), DIALECT, line)
+            wanted, _ = fit(desired_from(autopilot, imu_hz=imu_hz), DIALECT, line)
             assert len({int(1000 / hz) for hz in wanted.values()}) <= 8
 
 
@@ -301,7 +301,7 @@ def test_what_the_dialect_lacks_is_not_asked_for() -> None:
 def test_all_that_the_analysis_reads_of_a_healthy_vehicle_is_asked_for() -> None:
     """Its witnesses: GPS, compass (in the IMU's messages), barometer, IMUs, vibration and the estimator's own state."""
     for autopilot, own in (("ARDUPILOTMEGA", "EKF_STATUS_REPORT"), ("PX4", "ESTIMATOR_STATUS")):
-        wanted = wanted_from(autopilot)
+        wanted = desired_from(autopilot)
         needed = {"GPS_RAW_INT", "GPS2_RAW", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "VIBRATION", own}
         assert needed <= wanted.keys()
         assert wanted.keys() <= NEEDED
@@ -310,15 +310,15 @@ def test_all_that_the_analysis_reads_of_a_healthy_vehicle_is_asked_for() -> None
 def test_a_lost_answer_never_makes_a_stream_slower() -> None:
     """Asked for 5 Hz where somebody has 50, of a vehicle that never says so."""
     rates = StreamManager(Target(1, 1), {"GPS_RAW_INT": 5.0, "ATTITUDE": 50.0}, DIALECT, own_sysid=240)
-    hear, sent = hearing(rates), []
+    receive, sent = hearing(rates), []
     for i in range(600):
-        hear(0.02 * i, "GPS_RAW_INT", time_usec=20_000 * i)
+        receive(0.02 * i, "GPS_RAW_INT", time_usec=20_000 * i)
         if i % 5 == 0:
-            hear(0.02 * i, "ATTITUDE", time_boot_ms=20 * i)
+            receive(0.02 * i, "ATTITUDE", time_boot_ms=20 * i)
         if (request := rates.next_request(0.02 * i + 0.01)) is not None:
             sent.append((request.fields.get("command"), request.fields.get("param1")))
         if sent and sent[-1] == (511, 30.0):
-            hear(0.02 * i, "COMMAND_ACK", command=511, target_system=240)
+            receive(0.02 * i, "COMMAND_ACK", command=511, target_system=240)
     assert (511, 24.0) not in sent
     assert (511, 30.0) in sent
     assert sent.count((510, 30.0)) > 4, "what comes has an interval, which is to be given back"
@@ -364,13 +364,13 @@ def test_what_arrives_is_not_stopped_whatever_interval_is_stated() -> None:
     """Through a router, or of another autopilot: what another link asked for may arrive on this one."""
     for arriving, restored in ((0, -1), (20, 0)):
         rates = StreamManager(Target(1, 1), {"GPS_RAW_INT": 5.0}, DIALECT, own_sysid=240)
-        hear = hearing(rates)
-        hear(0.0, "HEARTBEAT", autopilot=3)
+        receive = hearing(rates)
+        receive(0.0, "HEARTBEAT", autopilot=3)
         for i in range(arriving):
-            hear(0.05 * i, "GPS_RAW_INT", time_usec=50_000 * i)
-        hear(1.0, "MESSAGE_INTERVAL", message_id=24, interval_us=-1)
+            receive(0.05 * i, "GPS_RAW_INT", time_usec=50_000 * i)
+        receive(1.0, "MESSAGE_INTERVAL", message_id=24, interval_us=-1)
         assert rates.next_request(1.1) is not None
-        hear(1.2, "COMMAND_ACK", command=511, result=0, target_system=240)
+        receive(1.2, "COMMAND_ACK", command=511, result=0, target_system=240)
         assert restoring(rates) == {"GPS_RAW_INT": restored}
 
 
@@ -380,13 +380,13 @@ def test_each_message_is_confirmed_by_its_own_answer(tmp_path: Path) -> None:
     earlier = OriginalRatesFile(path)
     talk = Conversation(wanted={"RAW_IMU": 100.0, "ATTITUDE": 50.0}, streams={"ATTITUDE": 4.0}, earlier=earlier)
     talk.run(8.0)
-    restoration, hear = talk.rates.restore(), hearing(talk.rates)
+    restoration, receive = talk.rates.restore(), hearing(talk.rates)
     assert len(restoration.requests()) == 4
     for _ in range(9):
-        hear(8.1, "COMMAND_ACK", command=511, result=0, target_system=240)
+        receive(8.1, "COMMAND_ACK", command=511, result=0, target_system=240)
     assert set(restoration.unconfirmed) == {"RAW_IMU", "ATTITUDE"}
-    hear(8.2, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
-    hear(8.2, "MESSAGE_INTERVAL", message_id=30, interval_us=20_000)
+    receive(8.2, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    receive(8.2, "MESSAGE_INTERVAL", message_id=30, interval_us=20_000)
     assert restoration.unconfirmed == ("ATTITUDE",), "50 Hz are ours"
     assert restoration.end() == (
         "vehicle 1:1 has not confirmed that ATTITUDE is sent as before: the next run on this link will restore that "
@@ -415,11 +415,11 @@ def test_who_never_answers_has_taken_nothing() -> None:
 def test_a_slow_message_whose_interval_is_not_known_comes_again() -> None:
     """Once in 5 s."""
     rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
-    hear = hearing(rates)
+    receive = hearing(rates)
     for i in range(120):
-        hear(0.1 * i, "HEARTBEAT", autopilot=3)
+        receive(0.1 * i, "HEARTBEAT", autopilot=3)
         if i % 50 == 7:
-            hear(0.1 * i, "HIGHRES_IMU", time_usec=100_000 * i)
+            receive(0.1 * i, "HIGHRES_IMU", time_usec=100_000 * i)
         rates.next_request(0.1 * i)
     assert restoring(rates) == {"HIGHRES_IMU": 1_000_000}
 
@@ -458,7 +458,7 @@ def test_where_nothing_can_be_kept_that_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     talk = Conversation(wanted={"RAW_IMU": 100.0}, earlier=OriginalRatesFile(tmp_path / "file" / "a.json"))
     talk.run(8.0)
-    assert talk.said().count("if companion is killed, the vehicle keeps its rates") == 1
+    assert talk.reported().count("if companion is killed, the vehicle keeps its rates") == 1
     assert talk.received() == pytest.approx({"RAW_IMU": 100.0}, rel=0.03)
 
 
@@ -469,7 +469,7 @@ def test_a_vehicle_that_signs_and_does_not_answer_is_said_to_do_so() -> None:
         if i % 10 == 0:
             hearing(rates)(0.1 * i, "HEARTBEAT", autopilot=3)
         rates.next_request(0.1 * i)
-    signs = [sentence for sentence in rates.said if "signs its messages and does not answer unsigned" in sentence]
+    signs = [sentence for sentence in rates.reported if "signs its messages and does not answer unsigned" in sentence]
     assert 1 <= len(signs) <= 2
     assert "--signing-key-file" in signs[0]
 
@@ -501,14 +501,14 @@ def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_com
 def test_an_interval_of_ours_is_never_taken_for_the_one_before_us() -> None:
     """The vehicle did not say at first; after a silence it says what we have set."""
     rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
-    hear = hearing(rates)
-    hear(0.0, "HEARTBEAT", autopilot=3)
+    receive = hearing(rates)
+    receive(0.0, "HEARTBEAT", autopilot=3)
     asked = [rates.next_request(0.1 * i) for i in range(25)]
     assert [r.fields["command"] for r in asked if r] == [510, 510, 511]
-    hear(2.5, "COMMAND_ACK", command=511, result=0, target_system=240)
-    hear(9.0, "HEARTBEAT", autopilot=3)
+    receive(2.5, "COMMAND_ACK", command=511, result=0, target_system=240)
+    receive(9.0, "HEARTBEAT", autopilot=3)
     rates.next_request(9.1)
-    hear(9.2, "MESSAGE_INTERVAL", message_id=27, interval_us=10_000)
+    receive(9.2, "MESSAGE_INTERVAL", message_id=27, interval_us=10_000)
     assert restoring(rates) == {"RAW_IMU": 0}
 
 
@@ -523,28 +523,28 @@ def test_what_is_in_no_stream_of_ardupilot_is_stopped_where_its_interval_is_not_
 def test_a_message_that_ardupilot_does_not_know_is_not_asked_for_ever_slower() -> None:
     """Each such request makes it tell every ground station "No ap_message for mavlink id (105)"."""
     rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
-    hear = hearing(rates)
-    hear(0.0, "HEARTBEAT", autopilot=3)
+    receive = hearing(rates)
+    receive(0.0, "HEARTBEAT", autopilot=3)
     assert rates.next_request(0.0) is not None
-    hear(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=0)
+    receive(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=0)
     assert rates.next_request(0.2) is not None
-    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=240)
+    receive(0.3, "COMMAND_ACK", command=511, result=2, target_system=240)
     assert rates.settled
-    hear(3.0, "HEARTBEAT", autopilot=3)
-    assert rates.said == ["HIGHRES_IMU: the vehicle refuses it; given up"]
+    receive(3.0, "HEARTBEAT", autopilot=3)
+    assert rates.reported == ["HIGHRES_IMU: the vehicle refuses it; given up"]
 
 
 def test_a_message_that_is_denied_is_asked_for_more_slowly_down_to_5_hz() -> None:
     rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
-    hear = hearing(rates)
-    hear(0.0, "HEARTBEAT", autopilot=3)
+    receive = hearing(rates)
+    receive(0.0, "HEARTBEAT", autopilot=3)
     assert rates.next_request(0.0) is not None
-    hear(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=-1)
+    receive(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=-1)
     asked = list[float]()
     for step in range(1, 100):
         if (request := rates.next_request(0.2 * step)) is not None and request.fields.get("command") == 511:
             asked.append(float(request.fields["param2"]))
-            hear(0.2 * step + 0.1, "COMMAND_ACK", command=511, result=2, target_system=240)
+            receive(0.2 * step + 0.1, "COMMAND_ACK", command=511, result=2, target_system=240)
     assert rates.settled
     assert (asked[0], len(asked)) > (9_999.0, 5)
     assert (np.diff(asked) > 0).all()
@@ -554,19 +554,19 @@ def test_a_message_that_is_denied_is_asked_for_more_slowly_down_to_5_hz() -> Non
 def test_who_turns_it_down_is_asked_again_ever_later() -> None:
     """Another program sets it back to 1 Hz at once: a message a second, whatever is agreed."""
     rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
-    hear, asked = hearing(rates), list[float]()
+    receive, asked = hearing(rates), list[float]()
     for step in range(1200):
         now = 0.1 * step
         if step % 10 == 0:
-            hear(now, "HEARTBEAT", autopilot=3)
-            hear(now, "HIGHRES_IMU", time_usec=100_000 * step)
+            receive(now, "HEARTBEAT", autopilot=3)
+            receive(now, "HIGHRES_IMU", time_usec=100_000 * step)
         request = rates.next_request(now)
         command = request.fields.get("command") if request is not None else None
         if command == 510:
-            hear(now, "MESSAGE_INTERVAL", message_id=105, interval_us=1_000_000)
+            receive(now, "MESSAGE_INTERVAL", message_id=105, interval_us=1_000_000)
         elif command == 511:
             asked.append(now)
-            hear(now, "COMMAND_ACK", command=511, result=0, target_system=240)
+            receive(now, "COMMAND_ACK", command=511, result=0, target_system=240)
     assert rates.settled
     waits = np.diff(asked)
     assert len(waits) == 4
@@ -578,16 +578,16 @@ def test_messages_of_one_stream_do_not_turn_each_other_down() -> None:
     talk = Conversation(faults=Faults(denied=frozenset("*")))
     talk.run(30.0)
     assert talk.received()["LOCAL_POSITION_NED"] == pytest.approx(20.0, rel=0.05)
-    assert "overriding" not in talk.said()
-    assert "asking again" not in talk.said()
+    assert "overriding" not in talk.reported()
+    assert "asking again" not in talk.reported()
 
 
 def test_a_stream_gets_the_rate_back_that_it_had() -> None:
     """Firmware that answers neither command: what arrived before is what there was."""
     rates = StreamManager(Target(1, 1), {"ATTITUDE": 50.0}, DIALECT, own_sysid=240)
-    hear, asked = hearing(rates), []
+    receive, asked = hearing(rates), []
     for i in range(50):
-        hear(0.25 * i, "ATTITUDE", time_boot_ms=250 * i)
+        receive(0.25 * i, "ATTITUDE", time_boot_ms=250 * i)
         if (request := rates.next_request(0.25 * i + 0.1)) is not None:
             asked.append(request.name)
     assert "REQUEST_DATA_STREAM" in asked
@@ -600,7 +600,7 @@ def test_px4_is_never_asked_for_streams() -> None:
     talk = Conversation(wanted={"ATTITUDE": 20.0}, faults=Faults(denied=frozenset("*")), autopilot="px4")
     talk.run(15.0)
     assert talk.sent["REQUEST_DATA_STREAM"] == 0
-    assert "ATTITUDE: the vehicle refuses it; given up" in talk.said()
+    assert "ATTITUDE: the vehicle refuses it; given up" in talk.reported()
 
 
 @pytest.mark.parametrize(("autopilot", "part"), [("ardupilot", "INS_GYR_ID"), ("px4", "CAL_GYRO0_ID")])
@@ -622,7 +622,7 @@ def hearing(rates: StreamManager) -> Callable[..., None]:
     """Say one message of the vehicle's to it at a time."""
     packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
 
-    def hear(now: float, name: str, **fields: int) -> None:
-        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+    def receive(now: float, name: str, **fields: int) -> None:
+        rates.receive(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
 
-    return hear
+    return receive

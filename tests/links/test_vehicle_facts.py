@@ -27,7 +27,7 @@ def asked(
             theirs = int(1e9 * (ahead + 1000.0 + rate * (now + way / 2 - 1000.0)))
             packet = packer.pack("TIMESYNC", {"tc1": theirs, "ts1": request.fields["ts1"]})
             other = packer.pack("TIMESYNC", {"tc1": theirs + 7_000_000_000, "ts1": 12345})
-            sync.hear(split_messages(decoder.push(other + packet), DIALECT)["TIMESYNC"], now + way)
+            sync.receive(split_messages(decoder.push(other + packet), DIALECT)["TIMESYNC"], now + way)
         found = sync.clock(now, unix=5000.0 + now)
         now += 0.1
     assert found is not None

@@ -1,4 +1,4 @@
-"""The tables of what each message and record says: a row that is incomplete, or not documented, fails here."""
+"""The table of what each message, record and topic says: a row that is incomplete, or not documented, fails here."""
 
 from __future__ import annotations
 
@@ -9,71 +9,70 @@ import pytest
 from companion.links.request_table import TABLE, Row, with_every_imu
 from companion.mavlink import load_dialect
 from companion.model import IMU_MESSAGES
-from companion.telemetry.convert import SI
-from companion.telemetry.dataflash import RECORDS
-from companion.telemetry.dataflash.sensors import SOURCES, RecordSource
-from companion.telemetry.flights import NEEDED
-from companion.telemetry.quantities import COLUMNS
-from companion.telemetry.sensors import _SOURCES, Source  # the table itself
+from companion.telemetry import NEEDED, RECORDS, TOPICS
+from companion.telemetry.sources import (
+    COLUMNS,
+    DRIVER_SOURCES,
+    MESSAGE_SOURCES,
+    RECORD_SOURCES,
+    SI,
+    TOPIC_SOURCES,
+    Source,
+    covariances,
+)
 from tests.recordings import ROOT
 
 DIALECT = load_dialect()
 DOCUMENTED = (ROOT / "docs/messages.md").read_text(encoding="utf-8")
-ROWS = pytest.mark.parametrize("row", _SOURCES, ids=lambda row: f"{row.message}-{row.kind}")
+TABLES = (*MESSAGE_SOURCES, *RECORD_SOURCES, *TOPIC_SOURCES, *DRIVER_SOURCES, *covariances(4))
+OWN_COLUMNS = {"vibration", "flow", "innovation", "aiding", "test_ratio"}
+"""Kinds of which a format has columns that the others lack."""
+
+IN_LOGS_OF_PX4_ALONE = {"interference", "inconsistency", "aiding", "test_ratio"}
 
 
-@ROWS
+def of(*rows: Source) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("row", rows, ids=lambda row: f"{row.name}-{row.kind}")
+
+
+@of(*TABLES)
+def test_every_column_is_known_and_every_field_has_a_unit(row: Source) -> None:
+    """In SI, which its name ends in, or a count, ratio or flag without one."""
+    assert row.fields
+    assert row.fields.keys() <= set(COLUMNS.get(row.kind, ())) or row.kind in OWN_COLUMNS, list(row.fields)
+    for column, ways in row.fields.items():
+        for field, unit in ways:
+            assert unit in SI, (column, unit)
+            measured = re.search(r"_(rad|radps|m|mps|mps2|pa|degc|tesla)$", column)
+            stated = row in MESSAGE_SOURCES and DIALECT.by_name[row.name].units.get(field, "") in SI
+            assert unit or stated or not measured, f"{column} of {row.name} has no unit"
+
+
+@of(*MESSAGE_SOURCES)
 def test_the_fields_are_those_of_the_message(row: Source) -> None:
-    layout = DIALECT.by_name[row.message]
-    for field, _ in row.fields.values():
+    layout = DIALECT.by_name[row.name]
+    for ((field, _),) in row.fields.values():
         name, _, place = field.partition("[")
         assert name in layout.fields, field
-        if place:
-            assert int(place[:-1]) < layout.dtype[name].shape[0], field
+        assert not place or int(place[:-1]) < layout.dtype[name].shape[0], field
 
 
-@ROWS
-def test_every_field_has_a_unit(row: Source) -> None:
-    """The dialect's, which must then be one that is known, or the row's own; counts and flags have "" for none."""
-    for column, (field, unit) in row.fields.items():
-        stated = DIALECT.by_name[row.message].units.get(field, "")
-        assert unit in SI, (column, unit)
-        measured = re.search(r"_(rad|radps|m|mps|mps2|pa|degc|tesla)$", column)
-        if measured and "[" not in field:
-            assert stated in SI or unit, f"{column}: {stated!r} is not known, and the row has no unit"
-
-
-@ROWS
-def test_the_columns_are_those_of_the_kind(row: Source) -> None:
-    """A row with columns of its own must be described, by every column, in docs/messages.md."""
+@of(*MESSAGE_SOURCES, *RECORD_SOURCES, *(row for row in TOPIC_SOURCES if row.kind not in IN_LOGS_OF_PX4_ALONE))
+def test_every_kind_and_where_it_comes_from_are_documented(row: Source) -> None:
     assert f"`{row.kind}" in DOCUMENTED, f"docs/messages.md says nothing of {row.kind!r}"
-    assert row.message.rstrip("23") in DOCUMENTED, f"docs/messages.md says nothing of {row.message}"
-    if not row.fields.keys() <= set(COLUMNS.get(row.kind, ())):
-        assert row.kind in ("vibration", "flow"), f"{row.kind} has columns that COLUMNS lacks: {list(row.fields)}"
+    if row in (*MESSAGE_SOURCES, *RECORD_SOURCES):
+        assert row.name.rstrip("23") in DOCUMENTED, f"docs/messages.md says nothing of {row.name}"
+
+
+def test_every_row_is_read() -> None:
+    assert {row.name for row in MESSAGE_SOURCES} <= NEEDED
+    assert {name for row in RECORD_SOURCES for name in row.names} <= RECORDS
+    assert {row.name for row in (*TOPIC_SOURCES, *DRIVER_SOURCES)} <= TOPICS
 
 
 def test_no_two_rows_say_the_same() -> None:
-    told = [(row.message, row.kind) for row in _SOURCES]
+    told = [(row.name, row.kind) for row in TABLES]
     assert len(told) == len(set(told))
-
-
-RECORD_ROWS = pytest.mark.parametrize("row", SOURCES, ids=lambda row: f"{row.names[0]}-{row.kind}")
-
-
-@RECORD_ROWS
-def test_a_record_s_columns_are_those_of_its_kind_in_known_units(row: RecordSource) -> None:
-    assert row.fields.keys() <= set(COLUMNS[row.kind])
-    for column, (_, unit) in row.fields.items():
-        assert unit in SI, (column, unit)
-        measured = re.search(r"_(rad|radps|m|mps|mps2|pa|degc|tesla)$", column)
-        assert not measured or unit, f"{column} has no unit where the log states none"
-
-
-@RECORD_ROWS
-def test_a_record_is_read_and_documented(row: RecordSource) -> None:
-    assert set(row.names) <= RECORDS
-    assert row.names[0] in DOCUMENTED, f"docs/messages.md says nothing of {row.names[0]}"
-    assert f"`{row.kind}" in DOCUMENTED, f"docs/messages.md says nothing of {row.kind!r}"
 
 
 @pytest.mark.parametrize("name", IMU_MESSAGES)
@@ -84,7 +83,7 @@ def test_an_imu_message_is_read_whole_and_documented(name: str) -> None:
     assert IMU_MESSAGES[name].clock in layout.fields
     assert any(row.name == name for row in TABLE), "it is never asked for"
     assert name in NEEDED
-    assert any(row.message == name and row.kind == "magnetometer" for row in _SOURCES)
+    assert any(row.name == name and row.kind == "magnetometer" for row in MESSAGE_SOURCES)
     assert name.rstrip("23") in DOCUMENTED
 
 

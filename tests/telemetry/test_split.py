@@ -9,7 +9,7 @@ import numpy as np
 from companion.app.recording import read_recording
 from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, load_dialect
 from companion.telemetry import Stream
-from companion.telemetry.split import MOST_SENDERS, Crowd
+from companion.telemetry.split import MOST_SENDERS, BusiestSenders
 from tests.tlogs import Writer
 
 DIALECT = load_dialect(DEFAULT_DIALECT)
@@ -28,12 +28,12 @@ def made_up(count: int, begin: int = 0) -> list[tuple[int, int]]:
 
 def test_few_are_all_heard(tmp_path: Path) -> None:
     frames = said(made_up(64) * 40, tmp_path)
-    assert Crowd().admit(frames) is frames
+    assert BusiestSenders().admit(frames) is frames
 
 
 def test_in_a_crowd_those_are_heard_who_say_the_most(tmp_path: Path) -> None:
     """A vehicle that has a twentieth of the frames, and 20,000 made-up ones: it is never lost, and few others are."""
-    crowd, others = Crowd(), 0
+    crowd, others = BusiestSenders(), 0
     for k in range(20):
         mixed = made_up(1000, 1000 * k)
         for at in range(0, len(mixed), 20):

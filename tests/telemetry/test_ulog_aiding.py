@@ -69,9 +69,9 @@ def test_gps_is_that_of_pyulog(log: tuple[c.Flight, Topics]) -> None:
         np.testing.assert_allclose(track.height[fixed], height[i][fixed], rtol=1e-12)
         for axis, name in enumerate("ned"):
             np.testing.assert_array_equal(track.velocity[fixed, axis], topic[f"vel_{name}_m_s"][i][fixed])
-        np.testing.assert_array_equal(track.horizontal_sigma, topic["eph"][i])
-        np.testing.assert_array_equal(track.vertical_sigma, topic["epv"][i])
-        np.testing.assert_array_equal(track.speed_sigma, topic["s_variance_m_s"][i])
+        np.testing.assert_array_equal(track.horizontal_sigma[fixed], topic["eph"][i][fixed])
+        np.testing.assert_array_equal(track.vertical_sigma[fixed], topic["epv"][i][fixed])
+        np.testing.assert_array_equal(track.speed_sigma[fixed], topic["s_variance_m_s"][i][fixed])
         np.testing.assert_array_equal(track.satellites, topic["satellites_used"][i])
 
 

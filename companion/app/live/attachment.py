@@ -92,7 +92,7 @@ class Attachment:
             while not self._stopping.is_set():
                 session.step()
                 now = time.monotonic()
-                if now >= due or session.said:
+                if now >= due or session.reported:
                     due = now + _REPORT_S
                     session.beside(self._tell)
             self.restored = session.leave()
@@ -101,6 +101,6 @@ class Attachment:
             self._failure = error
 
     def _tell(self) -> None:
-        self._said.extend(self._session.said)
-        self._session.said.clear()
+        self._said.extend(self._session.reported)
+        self._session.reported.clear()
         self._report = self._session.report()

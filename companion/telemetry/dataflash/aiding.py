@@ -11,11 +11,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from companion.logs import Records
-from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack
-from companion.telemetry import convert
-from companion.telemetry.aiding import truth_track
-from companion.telemetry.control import actuators_of, side_by_side
+from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack, from_euler
+from companion.telemetry.control import actuators_of, control_of, side_by_side
+from companion.telemetry.convert import trim
 from companion.telemetry.dataflash.pose import ekf_origin
+from companion.telemetry.samples import increasing
+from companion.telemetry.sources import SI
+from companion.telemetry.truth import truth_track
 
 OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
 """Records of the outputs → how many they have; each goes on where the one before ends."""
@@ -35,15 +37,15 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
         return None
     one = records["SIM"]
     if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
-        q = np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+        q = one.columns("Q1", "Q2", "Q3", "Q4")
     else:
-        q = convert.q_from_euler(*(np.radians(one[name].astype(np.float64)) for name in ("Roll", "Pitch", "Yaw")))
+        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
     velocity = np.full((len(one), 3), np.nan)
     if "SIM2" in records:
         fine = records["SIM2"]
         for i, name in enumerate(("VN", "VE", "VD")):
             velocity[:, i] = np.interp(one.t, fine.t, fine[name], left=np.nan, right=np.nan)
-    place = np.radians(one["Lat"]), np.radians(one["Lng"]), one["Alt"].astype(np.float64)
+    place = one.columns("Lat", "Lng", "Alt") * (SI["deg"], SI["deg"], 1.0)
     return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
 
 
@@ -57,16 +59,13 @@ def control(
     one = records.get("ATT")
     if one is None or not one.layout.has_numbers(*_DESIRED):
         return None
-    angles = np.radians(np.column_stack([one[name] for name in _DESIRED]).astype(np.float64))
-    keep = convert.increasing(one.t, np.asarray(np.isfinite(one.t) & np.isfinite(angles).all(axis=1)))
-    angles = angles[keep]
+    angles = np.radians(one.columns(*_DESIRED))
     if not angles.any():
         return None
-    q = convert.q_from_euler(*angles.T)
-    if in_imu_frame and convert.trim(parameters) is not None:
-        roll, pitch = (np.array([parameters.get(f"AHRS_TRIM_{axis}", 0.0)]) for axis in "XY")
-        q = _product(q, convert.q_from_euler(roll, pitch, np.zeros(1))[0])
-    return ControlTrack(one.t[keep], convert.continuous(q), "ATT")
+    q = from_euler(*angles.T)
+    if in_imu_frame and (level := trim(parameters)) is not None:
+        q = _product(q, from_euler(*level, 0.0))
+    return control_of("ATT", one.t, q)
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -84,7 +83,7 @@ def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -
         if one is None and not banks:
             return None
         pulses = _pulses(one, count)
-        keep = slice(0) if one is None else convert.increasing(one.t, np.isfinite(one.t))
+        keep = slice(0) if one is None else increasing(one.t, np.isfinite(one.t))
         banks.append((np.zeros(0) if one is None else one.t[keep], pulses[keep]))
     return actuators_of("RCOU", *side_by_side(banks), parameters)
 

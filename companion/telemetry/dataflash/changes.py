@@ -13,7 +13,7 @@ import numpy as np
 from companion.logs import Records
 from companion.model import EstimatorReset, ParameterChange, ResetKind, StatusText
 from companion.telemetry import announced
-from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores
+from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores, primary_cores
 
 _EVENTS: Mapping[int, tuple[ResetKind, str]] = {60: ("height", "EKF height reset"), 62: ("heading", "EKF yaw reset")}
 _SAME_S = 0.5  # an event and a text of the same kind within it are one reset
@@ -62,7 +62,7 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
     for core, one in of_cores(records, f"{mine.prefix}F4").items():
         if not one.layout.has_numbers("OFN", "OFE") or len(one) < 2:
             continue
-        offset = np.column_stack([one["OFN"], one["OFE"]]).astype(np.float64)
+        offset = one.columns("OFN", "OFE")
         for i in (np.flatnonzero(np.diff(offset, axis=0).any(axis=1)) + 1).tolist():
             if np.isfinite(offset[i]).all():
                 size = float(np.linalg.norm(offset[i]))
@@ -71,15 +71,9 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
 
 def _lanes(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorReset]:
     """Changes of XKF4.PI."""
-    one = records.get(f"{mine.prefix}F4")
-    if one is None or not one.layout.has_numbers("PI"):
-        return
-    primary = one["PI"].astype(np.int64)
-    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
-        core = int(primary[i])
-        yield EstimatorReset(
-            float(one.t[i]), "lane", f"the EKF's primary core is {core}, and was {primary[i - 1]}", core
-        )
+    if (one := primary_cores(records, mine.prefix)) is not None:
+        words = "the EKF's primary core is {core}, and was {before}"
+        yield from announced.lane_changes(one.t, one["PI"].astype(np.int64), words)
 
 
 def parameter_changes(records: Mapping[str, Records]) -> tuple[ParameterChange, ...]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, BiasTrack, DataError, SensorInUse
-from companion.telemetry import convert
+from companion.telemetry import announced
+from companion.telemetry.samples import commonest, in_use, increasing
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
 """What the names of an EKF's records begin with → its number in AHRS_EKF_TYPE, and the parameter with its IMUs."""
@@ -57,58 +58,48 @@ def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Fle
     kind = parameters.get("AHRS_EKF_TYPE")
     present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
     prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
-    status = records.get(f"{prefix}F4")
-    if status is None or not status.layout.has_numbers("PI"):
+    if (status := primary_cores(records, prefix)) is None:
         return Flew(prefix, 0, (0,))
-    cores, counts = np.unique(status["PI"], return_counts=True)
-    return Flew(prefix, int(cores[np.argmax(counts)]), tuple(cores.tolist()))
+    return Flew(prefix, commonest(status["PI"]), tuple(np.unique(status["PI"]).tolist()))
 
 
-def reference_core(records: Mapping[str, Records], mine: Flew, wanted: int | None) -> tuple[int, list[str]]:
-    """The EKF core to compare with, and a note when that is not simply the one that always flew.
+def primary_cores(records: Mapping[str, Records], prefix: str) -> Records | None:
+    """The records of an EKF that tell its primary core in PI."""
+    status = records.get(f"{prefix}F4")
+    return status if status is not None and status.layout.has_numbers("PI") else None
+
+
+def reference_core(records: Mapping[str, Records], mine: Flew, chosen: int | None, notes: list[str]) -> int:
+    """The EKF core to compare with, noted when that is not simply the one that always flew.
 
     Raises DataError for a core that the log has not.
     """
-    notes = []
     if len(mine.cores) > 1:
-        notes = [f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference"]
-    if wanted is None or wanted == mine.core:
-        return mine.core, notes
+        notes.append(f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference")
+    if chosen is None or chosen == mine.core:
+        return mine.core
     known = sorted({core for name in ("Q", "F1") for core in of_cores(records, mine.prefix + name)})
-    if wanted not in known:
+    if chosen not in known:
         have = ", ".join(map(str, known)) or "one without a number"
-        raise DataError(f"the log has no EKF core {wanted}. It has: {have}; the one that flew is {mine.core}.")
-    return wanted, [*notes, f"EKF core {wanted} is the reference, as asked; the one that flew is {mine.core}"]
+        raise DataError(f"the log has no EKF core {chosen}. It has: {have}; the one that flew is {mine.core}.")
+    notes.append(f"EKF core {chosen} is the reference, as asked; the one that flew is {mine.core}")
+    return chosen
 
 
 def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
-    """The IMU of a core: the n-th bit of EK3_IMU_MASK, which by default has all.
-
-    None for a core that the mask has not, and for the first EKF, which mixes two IMUs.
-    """
-    if prefix == "EK":
-        return None
-    mask = parameters.get(_EKFS[prefix][1], np.nan)
-    if not 0 < mask < 256:
-        return core
-    bits = [bit for bit in range(8) if int(mask) >> bit & 1]
-    return bits[core] if core < len(bits) else None
+    """The IMU of a core; None for one that the mask has not, and for the first EKF, which mixes two IMUs."""
+    mask = _EKFS[prefix][1]
+    return announced.imu_of_core(core, parameters.get(mask, np.nan)) if mask else None
 
 
 def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:
     """The IMU of the primary core (XKF4.PI), from each change on."""
-    name = f"{mine.prefix}F4"
-    if name not in records or not records[name].layout.has_numbers("PI"):
+    if (status := primary_cores(records, mine.prefix)) is None:
         return None
-    t, primary = records[name].t, records[name]["PI"].astype(np.int64)
     imus = {core: imu_of_core(core, mine.prefix, parameters) for core in mine.cores if core >= 0}
     known = {core: imu for core, imu in imus.items() if imu is not None}
-    keep = convert.increasing(t, np.isfinite(t) & np.isin(primary, list(known)))
-    instance = np.array([known[core] for core in primary[keep].tolist()], np.int64)
-    if not len(instance):
-        return None
-    change = np.concatenate([[True], np.diff(instance) != 0])
-    return SensorInUse(t[keep][change], instance[change], f"{name}.PI")
+    instance = np.array([known.get(core, -1) for core in status["PI"].tolist()], np.int64)
+    return in_use(f"{status.name}.PI", status.t, instance, instance >= 0)
 
 
 _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
@@ -118,18 +109,14 @@ _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
 def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
     """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
     one = of_cores(records, f"{mine.prefix}FS").get(mine.core)
-    in_use: dict[str, SensorInUse] = {}
     if one is None:
-        return in_use
-    for kind, column in _SELECTION.items():
-        if not one.layout.has_numbers(column):
-            continue
-        keep = convert.increasing(one.t, np.isfinite(one.t))
-        t, number = one.t[keep], one[column].astype(np.int64)[keep]
-        change = np.flatnonzero(np.diff(number, prepend=-1))
-        if len(t):
-            in_use[kind] = SensorInUse(t[change], number[change], f"{one.name}.{column}")
-    return in_use
+        return {}
+    used = {
+        kind: in_use(f"{one.name}.{column}", one.t, one[column].astype(np.int64))
+        for kind, column in _SELECTION.items()
+        if one.layout.has_numbers(column)
+    }
+    return {kind: sensor for kind, sensor in used.items() if sensor is not None}
 
 
 def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:
@@ -150,7 +137,7 @@ def _bias_track(
     records: Mapping[str, Records], estimate: Records, other: Records | None, core: int, imu: int | None
 ) -> BiasTrack:
     t = estimate.t
-    gyro = np.radians(np.column_stack([estimate[f"G{axis}"] for axis in "XYZ"]).astype(np.float64))
+    gyro = np.radians(estimate.columns("GX", "GY", "GZ"))
     accel = np.full((len(t), 3), np.nan)
     if other is not None and len(other) and other.name != "EKF2":
         for i, axis in enumerate("XYZ"):
@@ -158,7 +145,7 @@ def _bias_track(
                 accel[:, i] = np.interp(t, other.t, other[f"A{axis}"])
         if other.layout.has_numbers("AZbias"):
             accel[:, 2] = np.interp(t, other.t, other["AZbias"] * 0.01)
-    keep = convert.increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
+    keep = increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
     gyro_sigma, accel_sigma = _sigmas(records, estimate.name, core, t)
     source = f"{estimate.name}[{core}]"
     return BiasTrack(t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, imu)

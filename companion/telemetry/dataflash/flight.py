@@ -23,7 +23,7 @@ from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sen
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.firmware import banner, vehicle_type
-from companion.telemetry.parameters import declination, identity, possible, setting_names
+from companion.telemetry.parameters import declination, identity, possible, setting_names, values_of
 from companion.telemetry.sanitize import words
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
@@ -81,7 +81,8 @@ def dataflash_flight(
     records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
     parameters = _parameters(records)
     flew = cores.flew(records, parameters)
-    core, notes = cores.reference_core(records, flew, core)
+    notes: list[str] = []
+    core = cores.reference_core(records, flew, core, notes)
     flight = _without_tracks(records, times, parameters, flew, dialect)
     del times
     return _with_tracks(flight, records, flew, core, [*notes, *damaged, *wrong])
@@ -134,34 +135,26 @@ def _without_tracks(
 
 def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, core: int, notes: list[str]) -> Flight:
     """The IMUs, and all that lives in their frame: where only ATT tells the attitude, theirs becomes that of ATT."""
-    series, unhealthy = sensors.record_sensors(records, flew.prefix, core)
-    imus, odd = imu.imu_tracks(records, flight.vehicle, flight.parameters)
+    series = sensors.record_sensors(records, flew.prefix, core, notes)
+    imus = imu.imu_tracks(records, flight.vehicle, flight.parameters, notes)
     biases = cores.bias_tracks(records, flight.parameters, flew)
     sampled = pose.attitude(records, flew, core, flight.parameters)
-    turns, told = convert.turns(_parameters(records, first=True), flight.parameter_changes)
-    if sampled is None or sampled[2] != "ATT":
-        turns, told = convert.UNTURNED, []
-    imus = {name: convert.turned_in_time(track, turns) for name, track in imus.items()}
-    biases = tuple(
-        replace(
-            one,
-            gyro=convert.turned_vectors(one.t, one.gyro, turns),
-            accel=convert.turned_vectors(one.t, one.accel, turns),
-        )
-        for one in biases
-    )
+    in_imu_frame, turns = sampled is not None and sampled[2] != "ATT", convert.UNTURNED
+    if sampled is not None and not in_imu_frame:
+        turns = convert.turns(_parameters(records, first=True), notes, flight.parameter_changes)
+    imus = {name: convert.turned(track, turns) for name, track in imus.items()}
+    biases = tuple(convert.turned(one, turns) for one in biases)
     own = next((bias for bias in biases if bias.core == core), None)
-    position, astray = pose.position(records, flew, core, flight.parameters)
-    attitude = None if sampled is None else pose.with_rates(sampled, imus, own, astray)
+    position = pose.position(records, flew, core, flight.parameters, notes)
     return replace(
         flight,
         imus=imus,
-        attitude=attitude,
+        attitude=None if sampled is None else pose.with_rates(sampled, imus, own, notes),
         position=position,
         series=series,
-        **aiding_tracks(series, [*notes, *unhealthy, *odd, *told, *astray], turns),
+        **aiding_tracks(series, notes, turns),
         biases=biases,
-        control=aiding.control(records, flight.parameters, in_imu_frame=sampled is not None and sampled[2] != "ATT"),
+        control=aiding.control(records, flight.parameters, in_imu_frame=in_imu_frame),
     )
 
 
@@ -173,12 +166,9 @@ def _is_whole(name: str, layout: RecordLayout) -> bool:
 
 def _parameters(records: Mapping[str, Records], *, first: bool = False) -> dict[str, float]:
     """The last value of each, or the first."""
-    if "PARM" not in records:
+    if (one := records.get("PARM")) is None:
         return {}
-    rows = records["PARM"].select(slice(None, None, -1 if first else 1))
-    names = (words(raw) for raw in rows["Name"].tolist())
-    values = rows["Value"].astype(np.float64).tolist()
-    return dict(zip(names, values, strict=True))
+    return values_of(one["Name"].tolist(), one["Value"].astype(np.float64), first=first)
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:

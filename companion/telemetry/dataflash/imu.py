@@ -16,11 +16,10 @@ import numpy.typing as npt
 
 from companion.logs import Records
 from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
-from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
-from companion.telemetry.outliers import readable
 from companion.telemetry.parameters import known_ranges, with_facts
-from companion.telemetry.quantities import RawSeries, raw_series
+from companion.telemetry.quantities import RawSeries
+from companion.telemetry.samples import imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -41,17 +40,21 @@ _GAP = 8.0  # of the mean interval: samples are missing
 
 
 def imu_tracks(
-    records: dict[str, Records], vehicle: Vehicle, parameters: Mapping[str, float]
-) -> tuple[dict[str, ImuTrack], list[str]]:
-    """IMU[0], IMU[1], ... as log viewers call them, then GYR[0], ... where every sample was logged; and notes.
+    records: dict[str, Records], vehicle: Vehicle, parameters: Mapping[str, float], notes: list[str]
+) -> dict[str, ImuTrack]:
+    """IMU[0], IMU[1], ... as log viewers call them, then GYR[0], ... where every sample was logged.
 
     Their records are let go: they are most of a log.
     """
+
+    def made(key: str, number: int, t: Array, gyro: Array, accel: Array) -> ImuTrack:
+        ranges = known_ranges(vehicle, parameters, number)
+        track = imu_track(key, t, gyro, accel, np.ones(len(t), np.bool_), notes, ranges)
+        return with_facts(replace(track, instance=number), vehicle, parameters)
+
     tracks: dict[str, ImuTrack] = {}
-    notes: list[str] = []
     for number, key, one in sources({name: records.pop(name) for name in _IMU if name in records}, _IMU):
-        values = _vector(one, "Gyr"), _vector(one, "Acc")
-        tracks[key] = _track(key, number, one.t, *values, vehicle, parameters, notes)
+        tracks[key] = made(key, number, one.t, _vector(one, "Gyr"), _vector(one, "Acc"))
     filtered = {track.instance for track in tracks.values()}
     gyros, accels = (_every_sample(records, kind) for kind in ("Gyr", "Acc"))
     for number, one in gyros.items():
@@ -67,29 +70,11 @@ def imu_tracks(
                         f"{name}: {far} of {len(sensed)} left out: the time of the sample is {LONGEST_WAIT_S:g} s and "
                         "more off that of its record"
                     )
-            track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
+            track = made(key, number, *_paired(one, accels[number]))
             tracks[key] = replace(track, gyro_low_pass_hz=None, accel_low_pass_hz=None)
     if "ISBH" in records:
         notes.append(_batch_note(records["ISBH"]))
-    return {key: track for key, track in tracks.items() if len(track)}, notes
-
-
-def _track(
-    key: str,
-    number: int,
-    t: Array,
-    gyro: Array,
-    accel: Array,
-    vehicle: Vehicle,
-    parameters: Mapping[str, float],
-    notes: list[str],
-) -> ImuTrack:
-    good = np.isfinite(t) & readable(gyro, accel, known_ranges(vehicle, parameters, number))
-    keep = convert.increasing(t, np.asarray(good))
-    if dropped := int((~good).sum()):
-        notes.append(f"{key}: {counted(dropped, 'sample')} left out as no reading of an IMU")
-    track = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=number)
-    return with_facts(track, vehicle, parameters)
+    return {key: track for key, track in tracks.items() if len(track)}
 
 
 def _vector(one: Records, kind: str) -> Array:
@@ -126,7 +111,7 @@ def _in_time(one: Records, kind: str) -> tuple[Array, Array]:
     """
     t, values = _sample_times(one), _vector(one, kind)
     good = np.isfinite(values).all(axis=1) & _near(one)
-    keep = convert.increasing(t, np.asarray(good))
+    keep = increasing(t, np.asarray(good))
     t, values = t[keep], values[keep]
     if len(t) > _SPAN and np.mean(np.diff(t) < 0.25 * _mean_step(t)) > 0.1:
         step = np.diff(t)
@@ -179,7 +164,7 @@ _KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radp
 _AXES = "xyz"
 
 
-def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries | None]:
+def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries]:
     """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with gaps between the batches."""
     if not {"ISBH", "ISBD"} <= records.keys():
         return
@@ -199,9 +184,8 @@ def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSer
         if kind < len(_KINDS) and len(rows):
             name, sensor, unit = _KINDS[kind]
             t, values = _samples(heads.select(head[rows]), data.select(rows))
-            fields = {f"{axis}_{unit}": (axis, "") for axis in _AXES}
-            column = {axis: values[:, i] for i, axis in enumerate(_AXES)}.get
-            yield raw_series(name, f"ISBD[{sensor} {instance}]", t, fields, column, instance=instance)
+            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
+            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
 
 
 def _samples(heads: Records, data: Records) -> tuple[Array, Array]:

@@ -6,18 +6,29 @@ Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/LogStructure.h`, `AP_Na
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from companion.logs import Records
-from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack, interpolated
-from companion.telemetry import convert
+from companion.model import (
+    Array,
+    AttitudeTrack,
+    BiasTrack,
+    Epoch,
+    ImuTrack,
+    Origin,
+    PositionTrack,
+    from_euler,
+    interpolated,
+)
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
-from companion.telemetry.outliers import lone, lone_turns, uncontradicted
+from companion.telemetry.outliers import BoolArray
+from companion.telemetry.samples import attitude_track, attitudes, place, position_track
 from companion.telemetry.validity import has_position
 
-EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
+_EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
@@ -36,12 +47,13 @@ def attitude(
     """
     one = of_cores(records, f"{mine.prefix}Q").get(core)
     if one is not None and not by_dcm(parameters):
-        return _continuous(one.t, np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64), one.name)
-    if "ATT" in records:
-        one = records["ATT"]
-        q = convert.q_from_euler(*(np.radians(one[n].astype(np.float64)) for n in ("Roll", "Pitch", "Yaw")))
-        return _continuous(one.t, q, "ATT")
-    return None
+        q = one.columns("Q1", "Q2", "Q3", "Q4")
+    elif (one := records.get("ATT")) is not None:
+        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
+    else:
+        return None
+    _, t, q = attitudes(one.t, q)
+    return (t, q, one.name) if len(t) > 1 else None
 
 
 def by_dcm(parameters: Mapping[str, float]) -> bool:
@@ -49,15 +61,9 @@ def by_dcm(parameters: Mapping[str, float]) -> bool:
     return parameters.get("AHRS_EKF_TYPE", parameters.get("AHRS_EKF_USE", 1.0)) == 0
 
 
-def _continuous(t: Array, q: Array, source: str) -> tuple[Array, Array, str] | None:
-    good = np.isfinite(t) & np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
-    keep = convert.increasing(t, np.asarray(good))
-    return (t[keep], convert.continuous(q[keep]), source) if len(t[keep]) > 1 else None
-
-
 def with_rates(
     sampled: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None, notes: list[str]
-) -> AttitudeTrack:
+) -> AttitudeTrack | None:
     """The attitude with body rates: those of the core's own IMU less the bias that it believes.
 
     A single sample that turns away and back, which these rates contradict, is left out and noted.
@@ -69,10 +75,8 @@ def with_rates(
     tracks = [track for track in imus.values() if len(track) > 1]
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
     rates = np.zeros((len(t), 3)) if track is None else _mean_rates(t, track, bias)
-    kept = uncontradicted(source, notes, lone_turns(t, q, rates))
-    if not kept.all():
-        t, q, rates = t[kept], convert.continuous(q[kept]), rates[kept]
-    return AttitudeTrack(t, q, rates, source, rates_told=False)
+    made = attitude_track(source, t, q, rates, notes)
+    return None if made is None else replace(made, rates_told=False)
 
 
 def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
@@ -88,65 +92,62 @@ def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
 
 
 def position(
-    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float]
-) -> tuple[PositionTrack | None, list[str]]:
-    """XKF1, NKF1 or EKF1 while the filter calls its horizontal position known; and notes."""
+    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float], notes: list[str]
+) -> PositionTrack | None:
+    """XKF1, NKF1 or EKF1 while the filter calls its horizontal position known."""
     one = of_cores(records, f"{mine.prefix}F1").get(core)
     if one is None:
-        return None, []
+        return None
     if by_dcm(parameters):
-        return None, [f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM"]
-    t = one.t
-    place = np.column_stack([one.in_unit(n) for n in ("PN", "PE", "PD")])
-    velocity = np.column_stack([one.in_unit(n) for n in ("VN", "VE", "VD")])
-    good = np.isfinite(t) & np.isfinite(np.column_stack([place, velocity])).all(axis=1)
+        notes.append(f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM")
+        return None
+    ned, velocity = (
+        np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
+    )
+    good = np.ones(len(one), np.bool_)
     solution = of_cores(records, f"{mine.prefix}F4").get(core)
     if solution is not None and len(solution) and solution.layout.has_numbers("SS"):
-        good &= has_position(t, solution.t, solution["SS"].astype(np.float64))
-    keep = convert.increasing(t, np.asarray(good))
-    t, place, velocity = t[keep], place[keep], velocity[keep]
-    notes: list[str] = []
-    kept = uncontradicted(one.name, notes, lone(place), lone(velocity))
-    t, place, velocity = t[kept], place[kept], velocity[kept]
-    return (PositionTrack(t, place, velocity, f"{mine.prefix}F1") if len(t) > 1 else None), notes
+        good = has_position(one.t, solution.t, solution["SS"].astype(np.float64))
+    track = position_track(one.name, one.t, ned, velocity, good, notes)
+    return None if track is None else replace(track, source=f"{mine.prefix}F1")
 
 
 def origin(records: Mapping[str, Records]) -> Origin | None:
     """Where POS or GPS first says that the vehicle was; else the zero of the estimate."""
     for name in ("POS", "GPS"):
-        if name in records:
-            latitude, longitude, height = (records[name][n].astype(np.float64) for n in ("Lat", "Lng", "Alt"))
-            fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
-            if len(fixed):
-                i = fixed[0]
-                t = float(records[name].t[i])
-                return Origin(float(np.radians(latitude[i])), float(np.radians(longitude[i])), float(height[i]), t)
-    return _place(records, None, first=True)
+        if (one := records.get(name)) is not None and len(fixed := np.flatnonzero(_is_place(one))):
+            return _place(one, int(fixed[0]), float(one.t[fixed[0]]))
+    return _told(records, None, 0)
 
 
 def ekf_origin(records: Mapping[str, Records]) -> Origin | None:
     """Where the estimate's position is zero."""
-    return _place(records, EKF_ORIGIN)
+    return _told(records, _EKF_ORIGIN, -1)
 
 
 def home(records: Mapping[str, Records]) -> Origin | None:
     """The last home that ORGN names: it is set again where the vehicle arms."""
-    return _place(records, _HOME)
+    return _told(records, _HOME, -1)
 
 
-def _place(records: Mapping[str, Records], kind: int | None, *, first: bool = False) -> Origin | None:
-    """The last (or first) place that ORGN names, of a kind where it tells it."""
-    if "ORGN" not in records:
+def _told(records: Mapping[str, Records], kind: int | None, which: int) -> Origin | None:
+    """One of the places that ORGN names, of a kind where it tells it."""
+    if (one := records.get("ORGN")) is None:
         return None
-    rows = records["ORGN"]
-    known = (rows["Lat"] != 0) | (rows["Lng"] != 0)
+    known = _is_place(one)
     if kind is not None:
-        known &= rows["Type"] == kind if rows.layout.has_numbers("Type") else False
-    rows = rows.select(np.asarray(known))
-    if not len(rows):
-        return None
-    latitude, longitude, height = (float(rows[n][0 if first else -1]) for n in ("Lat", "Lng", "Alt"))
-    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+        known &= one["Type"] == kind if one.layout.has_numbers("Type") else False
+    rows = np.flatnonzero(known)
+    return _place(one, int(rows[which])) if len(rows) else None
+
+
+def _is_place(one: Records) -> BoolArray:
+    return np.asarray((one["Lat"] != 0) | (one["Lng"] != 0))
+
+
+def _place(one: Records, row: int, t: float | None = None) -> Origin:
+    latitude, longitude, height = (float(one[name][row]) for name in ("Lat", "Lng", "Alt"))
+    return place(latitude, longitude, height, t)
 
 
 def epoch(records: Mapping[str, Records]) -> Epoch | None:

@@ -7,20 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
-from companion.telemetry.convert import increasing
-from companion.telemetry.ulog.topics import (
-    Topic,
-    Topics,
-    column,
-    columns,
-    device_ids,
-    finite,
-    flag,
-    instances,
-    sampled,
-    seconds,
-    xyz,
-)
+from companion.telemetry.announced import lane_changes
+from companion.telemetry.samples import commonest, in_use, increasing
+from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 
 Version = tuple[int, int]
 """Major and minor of PX4's release; (0, 0) where the log does not tell it."""
@@ -37,7 +26,7 @@ def imu_instances(topics: Topics) -> dict[int, int]:
     by_device: dict[int, int] = {}
     for name, field in _GYROS:
         for instance, _, topic in instances(topics, name):
-            for device in np.unique(device_ids(topic, field)).tolist():
+            for device in np.unique(topic.ids(field)).tolist():
                 if device:
                     by_device.setdefault(device, instance)
     return by_device
@@ -48,13 +37,10 @@ def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | No
     for name in ("sensor_selection", "estimator_selector_status"):
         if name not in topics:
             continue
-        t, devices = seconds(topics[name]), device_ids(topics[name], "gyro_device_id")
-        keep = increasing(t, np.isin(devices, list(by_device)))
-        t, devices = t[keep], devices[keep]
-        changed = np.flatnonzero(np.diff(devices, prepend=0))
-        if len(changed):
-            used = np.array([by_device[device] for device in devices[changed].tolist()], np.int64)
-            return SensorInUse(t[changed], used, name)
+        t, devices = topics[name].seconds(), topics[name].ids("gyro_device_id")
+        instance = np.array([by_device.get(device, -1) for device in devices.tolist()], np.int64)
+        if (used := in_use(name, t, instance, instance >= 0)) is not None:
+            return used
     return None
 
 
@@ -82,19 +68,18 @@ def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) 
 
 def primary_core(topics: Topics) -> int:
     """The EKF2 instance that flew longest; 0 where there is one."""
-    flown = column(topics["estimator_selector_status"], "primary_instance") if _SELECTOR in topics else np.empty(0)
-    numbers, counts = np.unique(flown[np.isfinite(flown)], return_counts=True)
-    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
+    flown = topics["estimator_selector_status"].column("primary_instance") if _SELECTOR in topics else np.empty(0)
+    return commonest(flown[np.isfinite(flown)])
 
 
 def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, int]) -> list[BiasTrack]:
     """One track for each gyro that the instance has used."""
     t = sampled(topic)
-    gyros, accels = device_ids(topic, "gyro_device_id"), device_ids(topic, "accel_device_id")
-    gyro, accel = xyz(topic, "gyro_bias"), xyz(topic, "accel_bias")
-    gyro_sigma, accel_sigma = _sigma(xyz(topic, "gyro_bias_variance")), _sigma(xyz(topic, "accel_bias_variance"))
-    no_gyro = (gyros == 0) | ~flag(topic, "gyro_bias_valid")
-    no_accel = (accels == 0) | ~flag(topic, "accel_bias_valid")
+    gyros, accels = topic.ids("gyro_device_id"), topic.ids("accel_device_id")
+    gyro, accel = topic.array("gyro_bias"), topic.array("accel_bias")
+    gyro_sigma, accel_sigma = _sigma(topic.array("gyro_bias_variance")), _sigma(topic.array("accel_bias_variance"))
+    no_gyro = (gyros == 0) | ~topic.flag("gyro_bias_valid")
+    no_accel = (accels == 0) | ~topic.flag("accel_bias_valid")
     gyro[no_gyro], gyro_sigma[no_gyro] = np.nan, np.nan
     accel[no_accel], accel_sigma[no_accel] = np.nan, np.nan
     known = np.isfinite(gyro).all(axis=1) | np.isfinite(accel).all(axis=1)
@@ -114,11 +99,10 @@ def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, in
 def _state_biases(topic: Topic, name: str, core: int, version: Version, by_device: Mapping[int, int]) -> BiasTrack:
     """From the state vector; the IMU is known where the vehicle has one."""
     t, dt = sampled(topic), filter_interval(version)
-    gyro, accel = (columns(topic, *(f"states[{i}]" for i in range(at, at + 3))) / dt for at in (_GYRO, _ACCEL))
+    gyro, accel = (topic.array("states", range(at, at + 3)) / dt for at in (_GYRO, _ACCEL))
     less = 4 - attitude_elements(version)
     gyro_sigma, accel_sigma = (
-        _sigma(columns(topic, *(f"covariances[{i}]" for i in range(at - less, at - less + 3)))) / dt
-        for at in (_GYRO, _ACCEL)
+        _sigma(topic.array("covariances", range(at - less, at - less + 3))) / dt for at in (_GYRO, _ACCEL)
     )
     keep = increasing(t, finite(gyro, accel))
     only = next(iter(by_device.values())) if len(by_device) == 1 else (None if by_device else 0)
@@ -166,7 +150,7 @@ def estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
     for name, counter, kind, jump, unit in _COUNTERS:
         if name in topics:
             for t, i, times in _counted(topics[name], counter):
-                size = float(np.linalg.norm(np.nan_to_num(columns(topics[name], *jump)[i])))
+                size = float(np.linalg.norm(np.nan_to_num(topics[name].columns(*jump)[i])))
                 resets.append(EstimatorReset(t, kind, f"{kind} reset by {size:.2f} {unit}{_often(times)}"))
     return tuple(sorted(resets, key=lambda reset: reset.t))
 
@@ -176,7 +160,7 @@ def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
     if "vehicle_attitude" not in topics:
         return
     topic = topics["vehicle_attitude"]
-    turn = columns(topic, *(f"delta_q_reset[{k}]" for k in range(4)))
+    turn = topic.array("delta_q_reset", range(4))
     for t, i, times in _counted(topic, "quat_reset_counter"):
         w, *axis = np.nan_to_num(turn[i])
         size = np.degrees(2.0 * np.arctan2(np.linalg.norm(axis), abs(w)))
@@ -187,12 +171,9 @@ def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
 
 def _lanes(topics: Topics) -> Iterator[EstimatorReset]:
     """Where another instance of the estimator takes over."""
-    if _SELECTOR not in topics or "primary_instance" not in topics[_SELECTOR]:
-        return
-    t, primary = seconds(topics[_SELECTOR]), np.asarray(topics[_SELECTOR]["primary_instance"]).astype(np.int64)
-    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
-        core = int(primary[i])
-        yield EstimatorReset(float(t[i]), "lane", f"EKF2 instance {primary[i - 1]} → {core}", core=core)
+    if _SELECTOR in topics and "primary_instance" in topics[_SELECTOR]:
+        primary = np.asarray(topics[_SELECTOR]["primary_instance"]).astype(np.int64)
+        yield from lane_changes(topics[_SELECTOR].seconds(), primary, "EKF2 instance {before} → {core}")
 
 
 def _counted(topic: Topic, counter: str) -> Iterator[tuple[float, int, int]]:

@@ -16,17 +16,18 @@ from companion.model import Array, Event, Flight, ParameterChange, StatusText, V
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
-from companion.telemetry.firmware import UNKNOWN
+from companion.telemetry.firmware import UNKNOWN, release
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
+from companion.telemetry.quantities import series_of
 from companion.telemetry.sanitize import words
-from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
+from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
-from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
-from companion.telemetry.ulog.quantities import OF_SERIES, TOPIC_SERIES, topic_series
-from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
+from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track, truth
+from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
+from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -38,7 +39,9 @@ _OTHERS = {
 }  # fmt: skip
 
 TOPICS = frozenset(
-    name for topic in (*NEEDED, *(row.topic for row in TOPIC_SERIES), *_OTHERS) for name in instance_names(topic)
+    name
+    for topic in (*NEEDED, *(row.name for row in (*TOPIC_SOURCES, *DRIVER_SOURCES)), *_OTHERS)
+    for name in instance_names(topic)
 )
 """Topics whose fields a flight is made of. Some logs have the instance in the name of the topic."""
 
@@ -53,28 +56,23 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     parameters, changed = _parameters(log, notes)
     notes += _damage(log)
     begin, end = _span(times.values(), log.begun * 1e-6)
-    release = log.infos.get("ver_sw_release")
-    version = _version(release)
+    code = log.infos.get("ver_sw_release")
+    code = code if isinstance(code, int) else 0  # where damage met its type
+    version = code >> 24, code >> 16 & 255
     actuators, control = actuator_track(topics), control_track(topics)
     let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
     zero, by_device = origin(topics), imu_instances(topics)
     used = imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
     let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
-    selected = {
-        "gps": gps_tracks(topics, notes),
-        "compasses": compass_tracks(topics, notes),
-        "barometers": barometer_tracks(topics, notes),
-    }
-    let_go(topics, "sensor_combined", "vehicle_acceleration")
+    let_go(topics, "vehicle_acceleration")
     resets = estimator_resets(topics)
     attitude = attitude_track(topics, notes)
     let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
     position = position_track(topics, notes)
     let_go(topics, "vehicle_local_position")
     series = topic_series(topics, version, notes)
-    others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
-    vehicle = _vehicle(parameters, topics, vehicle_types, release)
+    vehicle = _vehicle(parameters, topics, vehicle_types, release(code))
     return Flight(
         vehicle=vehicle,
         settings=setting_names(vehicle.autopilot),
@@ -87,13 +85,13 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         origin=zero,
         epoch=epoch(topics),
         home=home(topics),
-        series=series,
+        series=series_of(series),
         events=_events(topics),
         parameters=parameters,
         texts=tuple(StatusText(m.stamp * 1e-6, m.level, words(m.text)) for m in log.texts),
         messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
-        **aiding_tracks(others, notes) | selected,
+        **aiding_tracks(aiding_series(topics, series, notes), notes, apart=SELECTED_KINDS),
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
         control=control,
@@ -105,17 +103,17 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
 
 
 def _vehicle(
-    parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], release: object
+    parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], firmware: str
 ) -> Vehicle:
     kind = identity(parameters, "MAV_TYPE", otherwise=-1)
-    if kind not in vehicle_types and "system_type" in (status := topics.get("vehicle_status", {})):
+    if kind not in vehicle_types and (status := topics.get("vehicle_status")) is not None and "system_type" in status:
         kind = int(status["system_type"][-1])  # what the autopilot made of it
     return Vehicle(
         identity(parameters, "MAV_SYS_ID"),
         identity(parameters, "MAV_COMP_ID"),
         autopilot="PX4",
         type=vehicle_types.get(kind, UNKNOWN),
-        firmware=_firmware(release),
+        firmware=firmware,
     )
 
 
@@ -155,24 +153,12 @@ def _span(times: Iterable[Array], begun: float) -> tuple[float, float]:
     return begun if first <= begun <= last else first, last
 
 
-def _firmware(release: object) -> str:
-    """ver_sw_release is major, minor, patch, type, one byte each."""
-    if not isinstance(release, int):  # where damage met its type
-        return ""
-    return f"{release >> 24}.{release >> 16 & 255}.{release >> 8 & 255}" if release else ""
-
-
-def _version(release: object) -> tuple[int, int]:
-    """Major and minor; (0, 0) where they are not told."""
-    return (release >> 24, release >> 16 & 255) if isinstance(release, int) else (0, 0)
-
-
 def _events(topics: Topics) -> tuple[Event, ...]:
     """Arming, modes and failsafes of vehicle_status."""
     if "vehicle_status" not in topics:
         return ()
     topic = topics["vehicle_status"]
-    t = seconds(topic, "timestamp")
+    t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
     turns = (np.flatnonzero(np.diff(failsafe)) + 1).tolist()

@@ -2,34 +2,31 @@
 
 `vehicle_imu` is what PX4 integrates of each IMU at its full rate: a rotation vector (coning included) and ∫f dt in body
 axes over intervals that join, calibrated and in the body frame, without the EKF's biases. `sensor_combined` is the same
-of the selected IMU. Both are means over `interval`, at its middle, and not low-passed. The topics of the drivers are in
-`drivers`. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`.
+of the selected IMU. Both are means over `interval`, at its middle, and not low-passed.
+
+The topics of the drivers, sensor_gyro with sensor_accel and the FIFOs behind them, are the readings of the board's
+axes; calibration (CAL_GYROn_*, CAL_ACCn_*) and rotation (SENS_BOARD_*, or the sensor's own where it is external) are
+applied here, as PX4 does for vehicle_imu. Thermal compensation (TC_*) is not. Only a track with more samples than
+vehicle_imu or sensor_combined have of the same IMU tells more than they do: logs at default rates have one of these
+samples a second. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `msg/SensorGyroFifo.msg`,
+`modules/sensors/vehicle_imu/VehicleIMU.cpp`, `lib/drivers/gyroscope/PX4Gyroscope.cpp`, `lib/sensor_calibration/`,
+`lib/conversion/rotation.h`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuTrack, SensorInUse, counted, interpolated
-from companion.telemetry.convert import increasing
-from companion.telemetry.outliers import Ranges, readable
+from companion.model import Array, ImuTrack, SensorInUse, interpolated
+from companion.telemetry.outliers import Ranges
+from companion.telemetry.parts import part_ranges
+from companion.telemetry.samples import commonest, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.drivers import accel_range, driver_tracks, gyro_range
-from companion.telemetry.ulog.topics import (
-    Topic,
-    Topics,
-    column,
-    device_ids,
-    finite,
-    instances,
-    sampled,
-    seconds,
-    xyz,
-)
+from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 
 
 def imu_tracks(
@@ -62,29 +59,23 @@ def imu_tracks(
 def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
     """vehicle_imu: increments over dt, of which the means are kept."""
     for instance, name, topic in instances(topics, "vehicle_imu"):
-        gyro_dt, accel_dt = (column(topic, f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
+        gyro_dt, accel_dt = (topic.column(f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
         whole = (gyro_dt > 0) & (accel_dt > 0) & (gyro_dt < LONGEST_WAIT_S)
-        gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
-        accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
-        t = sampled(topic) - gyro_dt / 2
-        device, other = (_most(device_ids(topic, f"{of}_device_id")) for of in ("gyro", "accel"))
-        ranges = gyro_range(device), accel_range(other)
-        yield replace(
-            _track(name, t, gyro, accel, gyro_dt, whole, notes, ranges),
-            instance=instance,
-            device_id=device or None,
-            gyro_range=ranges[0],
-            accel_range=ranges[1],
-        )
+        gyro = topic.array("delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
+        accel = topic.array("delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
+        device, other = (_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
+        ranges = part_ranges("PX4", device, other)
+        track = _track(name, sampled(topic) - gyro_dt / 2, gyro, accel, gyro_dt, whole, notes, ranges)
+        yield replace(track, instance=instance, device_id=device or None)
 
 
 def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
     """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
-    own = column(topic, "gyro_integral_dt")
+    own = topic.column("gyro_integral_dt")
     own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
-    t = seconds(topic) - own / 2
+    t = topic.seconds() - own / 2
     good = (own >= 0.0) & (own < LONGEST_WAIT_S)
-    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, good, notes)
+    return _track("sensor_combined", t, topic.array("gyro_rad"), topic.array("accelerometer_m_s2"), own, good, notes)
 
 
 def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str]) -> Iterator[ImuTrack]:
@@ -92,13 +83,13 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     if not {"vehicle_angular_velocity", "vehicle_acceleration"} <= topics.keys():
         return
     turning, pushed = topics["vehicle_angular_velocity"], topics["vehicle_acceleration"]
-    own, rate = sampled(turning), xyz(turning, "xyz")
+    own, rate = sampled(turning), turning.array("xyz")
     keep = increasing(own, finite(rate))
     own, rate, t = own[keep], rate[keep], sampled(pushed)
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
         gyro = interpolated(t, own, rate)
-        track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
+        track = _track("vehicle_angular_velocity", t, gyro, pushed.array("xyz"), np.zeros(len(t)), within, notes)
         gyro_hz, accel_hz = (parameters.get(name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
         yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
@@ -114,15 +105,141 @@ def _track(
     ranges: Ranges = (None, None),
 ) -> ImuTrack:
     """whole: rows that say for which interval they are. Rows of zeros are no readings."""
-    good = whole & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1))
-    sensed = readable(gyro, accel, ranges)
-    if 0 < (odd := int((good & ~sensed).sum())) < good.sum():
-        notes.append(f"{source}: {counted(odd, 'sample')} left out as no reading of an IMU")
-    keep = increasing(t, good & sensed)
-    return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
+    good = whole & (gyro.any(axis=1) | accel.any(axis=1))
+    return imu_track(source, t, gyro, accel, good, notes, ranges, interval)
 
 
-def _most(devices: npt.NDArray[np.int64]) -> int:
+def _device(topic: Topic, field: str) -> int:
     """The device that most rows are of; 0 where none is told."""
-    numbers, counts = np.unique(devices[devices != 0], return_counts=True)
-    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
+    devices = topic.ids(field)
+    return commonest(devices[devices != 0])
+
+
+_FIFO_MOST = 32  # samples in a message
+_FULL_SCALE = 32768.0  # of the FIFO's 16 bits
+_CALIBRATIONS = 4  # CAL_GYRO0_* to CAL_GYRO3_*
+_AXES = "XYZ"
+_ROTATIONS = (
+    "", "Y45", "Y90", "Y135", "Y180", "Y225", "Y270", "Y315", "R180", "R180 Y45", "R180 Y90", "R180 Y135", "P180",
+    "R180 Y225", "R180 Y270", "R180 Y315", "R90", "R90 Y45", "R90 Y90", "R90 Y135", "R270", "R270 Y45", "R270 Y90",
+    "R270 Y135", "P90", "P270", "P180 Y90", "P180 Y270", "R90 P90", "R180 P90", "R270 P90", "R90 P180", "R270 P180",
+    "R90 P270", "R180 P270", "R270 P270", "R90 P180 Y90", "R90 Y270", "R90 P68 Y293", "P315", "R90 P315",
+)  # fmt: skip
+"""enum Rotation: roll, pitch and yaw in degrees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Readings:
+    """One sensor's, calibrated, in the body frame."""
+
+    name: str
+    t: Array  # (N,) s
+    values: Array  # (N, 3)
+    interval: Array | None  # (N,) s, where a sample is a mean
+    device_id: int
+    most: float | None  # where it saturates, as the topic tells
+
+
+def driver_tracks(
+    topics: Topics, others: Iterable[ImuTrack], parameters: Mapping[str, float], notes: list[str]
+) -> list[ImuTrack]:
+    """A track of each IMU that has more samples than any of the others has of it, at the gyro's times."""
+    known = list(others)
+    tracks: list[ImuTrack] = []
+    for of in ("sensor_gyro_fifo", "sensor_gyro"):
+        gyros = list(_sensors(topics, of, "GYRO", parameters))
+        accels = list(_sensors(topics, of.replace("gyro", "accel"), "ACC", parameters))
+        for number, gyro in enumerate(gyros):
+            instance = next((one.instance for one in known if one.device_id == gyro.device_id), number)
+            more = max((len(one) for one in [*known, *tracks] if one.instance == instance), default=0)
+            partner = _partner(topics, gyro, accels, instance)
+            if partner is not None and len(gyro.t) > more and (track := _joined(gyro, partner, notes)) is not None:
+                tracks.append(replace(track, instance=instance))
+    return tracks
+
+
+def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance: int) -> _Readings | None:
+    """The accelerometer of the same chip; where that has another id, the one that vehicle_imu pairs with the gyro."""
+    wanted = {gyro.device_id}
+    for number, _, topic in instances(topics, "vehicle_imu"):
+        if number == instance:
+            wanted |= set(topic.ids("accel_device_id").tolist())
+    return next((one for one in accels if one.device_id in wanted and len(one.t) > 1), None)
+
+
+def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | None:
+    """Both at the gyro's times: the accelerometer's on the line between its own."""
+    usual = part_ranges("PX4", gyro.device_id, accel.device_id)
+    within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1])
+    force = interpolated(gyro.t, accel.t, accel.values)
+    ranges = gyro.most or usual[0], accel.most or usual[1]
+    track = imu_track(gyro.name, gyro.t, gyro.values, force, within, notes, ranges, gyro.interval)
+    return replace(track, device_id=gyro.device_id or None) if len(track) > 1 else None
+
+
+def _sensors(topics: Topics, of: str, kind: str, parameters: Mapping[str, float]) -> Iterator[_Readings]:
+    for _, name, topic in instances(topics, of):
+        devices = topic.ids("device_id")
+        device = int(devices[-1]) if len(devices) else 0
+        t, values, interval, most = _fifo(topic) if of.endswith("fifo") else _driver(topic)
+        keep = increasing(t, np.isfinite(t) & finite(values))
+        own = None if interval is None else interval[keep]
+        yield _Readings(name, t[keep], _calibrated(values[keep], kind, device, parameters), own, device, most)
+
+
+def _driver(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
+    """Times, readings, intervals and range of sensor_gyro or sensor_accel.
+
+    A sample made of several of the FIFO is their mean since the last message, and stamped with the last of them.
+    """
+    t, samples = sampled(topic), topic.column("samples")
+    interval = None
+    if len(t) > 1 and np.nanmedian(np.append(samples, 1.0)) > 1:
+        interval = np.diff(t, prepend=2 * t[0] - t[1])
+        interval = np.where((interval > 0) & (interval < 3 * np.median(interval)), interval, np.median(interval))
+        t = t - interval / 2
+    return t, topic.columns("x", "y", "z"), interval, None
+
+
+def _fifo(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
+    """The same of a FIFO: every sample an instant, the last of a message at timestamp_sample, dt (µs) between them."""
+    count = np.clip(np.nan_to_num(topic.column("samples")), 0, _FIFO_MOST).astype(np.intp)
+    dt, scale = topic.column("dt") * 1e-6, topic.column("scale")
+    row = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    dt = np.where((dt >= 0.0) & (dt * _FIFO_MOST < LONGEST_WAIT_S), dt, np.nan)
+    t = sampled(topic)[row] - (count[row] - 1 - place) * dt[row]
+    raw = [topic.array(axis, range(_FIFO_MOST))[row, place] for axis in "xyz"]
+    most = float(np.nanmedian(scale)) * _FULL_SCALE if np.isfinite(scale).any() else None
+    return t, np.column_stack(raw) * scale[row, None], None, most
+
+
+def _calibrated(values: Array, kind: str, device: int, parameters: Mapping[str, float]) -> Array:
+    """In the body frame, without offset and with the right scale; as they are where the log has no calibration."""
+    number = next((n for n in range(_CALIBRATIONS) if device and parameters.get(f"CAL_{kind}{n}_ID") == device), None)
+    rotation = parameters.get("SENS_BOARD_ROT", 0.0)
+    if number is not None:
+        of = f"CAL_{kind}{number}_"
+        offset = [parameters.get(f"{of}{axis}OFF", 0.0) for axis in _AXES]
+        scale = [parameters.get(f"{of}{axis}SCALE", 1.0) for axis in _AXES]
+        values = (values - offset) * scale
+        own = parameters.get(f"{of}ROT", -1.0)
+        rotation = own if own >= 0 else rotation  # of an external sensor
+    degrees = dict.fromkeys("RPY", 0.0)
+    if 0 <= rotation < len(_ROTATIONS):
+        degrees |= {part[0]: float(part[1:]) for part in _ROTATIONS[int(rotation)].split()}
+    level = [parameters.get(f"SENS_BOARD_{axis}_OFF", 0.0) for axis in _AXES]
+    turn = _matrix(*level) @ _matrix(degrees["R"], degrees["P"], degrees["Y"])
+    return np.asarray(values @ turn.T)
+
+
+def _matrix(roll: float, pitch: float, yaw: float) -> Array:
+    """The rotation (3, 3) by Euler angles in degrees, yaw last: PX4's get_rot_matrix."""
+    (cr, cp, cy), (sr, sp, sy) = (of(np.radians([roll, pitch, yaw])) for of in (np.cos, np.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

@@ -1,14 +1,26 @@
-"""PX4's own attitude, position, origin and home in a ULog. Source: PX4 `msg/VehicleLocalPosition.msg`."""
+"""PX4's own attitude, position, origin and home in a ULog, and a simulator's truth.
+
+Source: PX4 `msg/VehicleLocalPosition.msg`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack, interpolated
+from companion.model import (
+    Array,
+    AttitudeTrack,
+    Epoch,
+    Origin,
+    PositionTrack,
+    TruthTrack,
+    geodetic_from_ned,
+    interpolated,
+)
+from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
-from companion.telemetry.convert import continuous, increasing
-from companion.telemetry.outliers import lone, lone_turns, uncontradicted
-from companion.telemetry.ulog.topics import Topics, columns, sampled, seconds, xyz
+from companion.telemetry.samples import attitudes, increasing
+from companion.telemetry.ulog.topics import Topic, Topics, finite, sampled
 
 
 def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
@@ -20,32 +32,14 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
         return None
     topic = topics["vehicle_attitude"]
     t = sampled(topic)
-    q = columns(topic, *(f"q[{i}]" for i in range(4)))
-    keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
-    t, q = t[keep], continuous(q[keep])
+    q = topic.array("q", range(4))
+    keep, t, q = attitudes(t, q)
     body, rates = topics.get("vehicle_angular_velocity"), None
     if body is not None:
-        turned = xyz(body, "xyz")
-        rates = np.nan_to_num(interpolated(t, sampled(body), turned))
+        rates = np.nan_to_num(interpolated(t, sampled(body), body.array("xyz")))
     elif "rollspeed" in topic:
-        rates = np.nan_to_num(columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep])
-    kept = uncontradicted("vehicle_attitude", notes, lone_turns(t, q, rates))
-    if not kept.all():
-        t, q, rates = t[kept], continuous(q[kept]), None if rates is None else rates[kept]
-    if len(t) < 2:
-        return None
-    return AttitudeTrack(t, q, _turning(t, q) if rates is None else rates, "vehicle_attitude")
-
-
-def _turning(t: Array, q: Array) -> Array:
-    """Body rates (N, 3) between attitudes q (N, 4) of about unit length at times t (N,), interpolated to t."""
-    a, b = q[:-1], q[1:]
-    w = np.einsum("ij,ij->i", a, b)
-    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-    size = np.linalg.norm(v, axis=1)
-    angle = 2.0 * np.arctan2(size, np.abs(w)) * np.where(w < 0.0, -1.0, 1.0)
-    rate = v * (angle / np.where(size > 0.0, size, 1.0) / np.diff(t))[:, None]
-    return interpolated(t, 0.5 * (t[1:] + t[:-1]), rate)
+        rates = np.nan_to_num(topic.columns("rollspeed", "pitchspeed", "yawspeed")[keep])
+    return samples.attitude_track("vehicle_attitude", t, q, rates, notes)
 
 
 def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
@@ -54,40 +48,86 @@ def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
         return None
     topic = topics["vehicle_local_position"]
     t = sampled(topic)
-    position, velocity = columns(topic, "x", "y", "z"), columns(topic, "vx", "vy", "vz")
-    valid = np.asarray(np.isfinite(np.column_stack([position, velocity])).all(axis=1))
-    for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):
-        valid &= np.asarray(topic[flag], np.bool_)
-    keep = increasing(t, valid)
-    t, position, velocity = t[keep], position[keep], velocity[keep]
-    kept = uncontradicted("vehicle_local_position", notes, lone(position), lone(velocity))
-    track = PositionTrack(t[kept], position[kept], velocity[kept], "vehicle_local_position")
-    return track if len(track) > 1 else None
+    position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
+    valid = np.logical_and.reduce([topic.flag(name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")])
+    return samples.position_track("vehicle_local_position", t, position, velocity, valid, notes)
 
 
 def origin(topics: Topics) -> Origin | None:
     """The reference point of vehicle_local_position, where it says that it is global."""
-    topic = topics.get("vehicle_local_position", {})
-    known = np.flatnonzero(np.asarray(topic.get("xy_global", ())))
-    if not len(known):
-        return None
-    latitude, longitude, height = (float(topic[name][known[0]]) for name in ("ref_lat", "ref_lon", "ref_alt"))
-    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+    return _place(topics.get("vehicle_local_position"), "xy_global", ("ref_lat", "ref_lon", "ref_alt"), 0)
 
 
 def home(topics: Topics) -> Origin | None:
     """The last home_position that calls itself valid."""
-    topic = topics.get("home_position", {})
-    known = np.flatnonzero(np.asarray(topic.get("valid_hpos", ())))
-    if not len(known):
-        return None
-    latitude, longitude, height = (float(topic[name][known[-1]]) for name in ("lat", "lon", "alt"))
-    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+    return _place(topics.get("home_position"), "valid_hpos", ("lat", "lon", "alt"), -1)
+
+
+def _place(topic: Topic | None, valid: str, names: tuple[str, str, str], which: int) -> Origin | None:
+    """One of the rows that are valid."""
+    known = [] if topic is None or valid not in topic else np.flatnonzero(topic[valid]).tolist()
+    return samples.place(*(float(topic[name][known[which]]) for name in names)) if known and topic is not None else None
 
 
 def epoch(topics: Topics) -> Epoch | None:
     """By the receiver's UTC; zero where it does not know it yet."""
     for name in ("vehicle_gps_position", "sensor_gps"):
         if name in topics and "time_utc_usec" in topics[name]:
-            return epoch_of(seconds(topics[name], "time_utc_usec"), seconds(topics[name], "timestamp"), "GPS")
+            return epoch_of(topics[name].seconds("time_utc_usec"), topics[name].seconds("timestamp"), "GPS")
     return None
+
+
+_GAP_S = 0.2  # across a longer one the truth is not interpolated
+
+
+def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:
+    """The simulator's attitude, with its velocity and position interpolated to the attitude's times.
+
+    Position by the cubic of position and velocity, about `origin` where both know their place on Earth; NaN where the
+    log does not tell it.
+    """
+    if "vehicle_attitude_groundtruth" not in topics:
+        return None
+    topic = topics["vehicle_attitude_groundtruth"]
+    t, q = sampled(topic), topic.array("q", range(4))
+    _, t, q = attitudes(t, q)
+    if not len(t):
+        return None
+    place = topics.get("vehicle_local_position_groundtruth")
+    velocity, position = (np.full((len(t), 3), np.nan),) * 2 if place is None else _moved(t, place, origin)
+    return TruthTrack(t, q, velocity, position, "vehicle_attitude_groundtruth", _faults(topics))
+
+
+def _faults(topics: Topics) -> tuple[float, ...]:
+    """When RflyMAD's simulator switched a fault on: `id` of rfly_ctrl_lxl is 0 without one (arXiv 2311.11340)."""
+    topic = topics.get("rfly_ctrl_lxl")
+    if topic is None or "id" not in topic:
+        return ()
+    on = np.flatnonzero(np.diff((topic.column("id") != 0.0).astype(np.int8), prepend=0) > 0)
+    return tuple(topic.seconds()[on].tolist())
+
+
+def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]:
+    """Velocity and position (N, 3) at times t (N,)."""
+    own, at = sampled(topic), topic.columns("x", "y", "z")
+    speed = topic.columns("vx", "vy", "vz")
+    zero = topic.columns("ref_lat", "ref_lon", "ref_alt")
+    known = np.flatnonzero(np.isfinite(zero).all(axis=1) & zero[:, :2].any(axis=1))
+    if origin is not None and len(known):
+        latitude, longitude, height = zero[known[0]]
+        there = geodetic_from_ned(at, (np.radians(latitude), np.radians(longitude), height))
+        at = samples.ned_about(origin, *there.T)
+    keep = increasing(own, finite(at, speed))
+    own, at, speed = own[keep], at[keep], speed[keep]
+    if len(own) < 2:
+        return np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
+    i = np.clip(np.searchsorted(own, t) - 1, 0, len(own) - 2)
+    h = (own[i + 1] - own[i])[:, None]
+    u = (t[:, None] - own[i][:, None]) / h
+    gap = (u < 0.0) | (u > 1.0) | (h > _GAP_S)
+    velocity = speed[i] + u * (speed[i + 1] - speed[i])
+    position = (
+        (1 + 2 * u) * (1 - u) ** 2 * at[i] + u * (1 - u) ** 2 * h * speed[i]
+        + u * u * (3 - 2 * u) * at[i + 1] + u * u * (u - 1) * h * speed[i + 1]
+    )  # fmt: skip
+    return np.where(gap, np.nan, velocity), np.where(gap, np.nan, position)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +12,7 @@ from companion.model import Array, counted
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 
-Topic = Mapping[str, Any]
-"""Field → column (N,); elements of arrays are fields of their own: `q[0]`."""
+Topic = UlogTopic
 
 Topics = Mapping[str, Topic]
 """Topic by the name that PX4's tools give it: vehicle_imu, vehicle_imu_1, ..."""
@@ -72,12 +70,12 @@ def topics_of(log: Ulog, read: list[UlogTopic]) -> tuple[dict[str, Topic], dict[
             notes.append(f"{name} is left out: the log declares it without {', '.join(lacks)}")
         else:
             whole[name] = one
-    times = {name: seconds(topic) for name, topic in whole.items()}
+    times = {name: topic.seconds() for name, topic in whole.items()}
     apart = off_course(times, ON_BOARD)
     notes += left_out(times, apart)
     for name, mask in apart.items():
         whole[name], times[name] = whole[name].select(~mask), times[name][~mask]
-    topics: dict[str, Topic] = {name: topic for name, topic in whole.items() if topic.count}
+    topics = {name: topic for name, topic in whole.items() if topic.count}
     notes += _published({name: topic for name, topic in whole.items() if topic.count and topic.fields_read})
     return topics, {name: times[name] for name in topics}, notes
 
@@ -104,17 +102,12 @@ def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
             yield instance, name, topics[name]
 
 
-def seconds(topic: Topic, field: str = _DATED) -> Array:
-    """A time field, µs of the boot clock, in s."""
-    return np.asarray(topic[field], np.float64) * 1e-6
-
-
 def sampled(topic: Topic) -> Array:
     """When it was measured; where that is not told (before PX4 1.11 often, or zero), when it was published."""
-    t = seconds(topic)
+    t = topic.seconds()
     if _SAMPLED not in topic:
         return t
-    measured = seconds(topic, _SAMPLED)
+    measured = topic.seconds(_SAMPLED)
     return np.where(np.abs(measured - t) < LONGEST_WAIT_S, measured, t)
 
 
@@ -125,8 +118,8 @@ def _published(topics: Topics) -> Iterator[str]:
     """
     for name, topic in topics.items():
         if _SAMPLED in topic:
-            measured = seconds(topic, _SAMPLED)
-            off = (measured > 0) & (np.abs(measured - seconds(topic)) >= LONGEST_WAIT_S)
+            measured = topic.seconds(_SAMPLED)
+            off = (measured > 0) & (np.abs(measured - topic.seconds()) >= LONGEST_WAIT_S)
             if 0 < off.sum() <= len(off) / 2:
                 yield (
                     f"{name}: {int(off.sum())} of {len(off)} taken at the time of their publication: that of the "
@@ -134,39 +127,6 @@ def _published(topics: Topics) -> Iterator[str]:
                 )
 
 
-def columns(topic: Topic, *fields: str) -> Array:
-    """Fields side by side, (N, len(fields)), NaN for a field that is not there or not finite."""
-    values = np.full((len(topic[_DATED]), len(fields)), np.nan)
-    with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
-        for i, field in enumerate(fields):
-            if field in topic:
-                values[:, i] = topic[field]
-    values[~np.isfinite(values)] = np.nan
-    return values
-
-
-def column(topic: Topic, field: str) -> Array:
-    """One field, (N,), NaN where it is not there or not finite."""
-    return np.asarray(columns(topic, field)[:, 0])
-
-
-def xyz(topic: Topic, field: str) -> Array:
-    """The three elements of a vector field, (N, 3)."""
-    return columns(topic, *(f"{field}[{i}]" for i in range(3)))
-
-
 def finite(*arrays: Array) -> npt.NDArray[np.bool_]:
     """Rows (N,) in which every one of the arrays (N, k) is finite."""
     return np.asarray(np.isfinite(np.hstack(arrays)).all(axis=1))
-
-
-def flag(topic: Topic, field: str) -> npt.NDArray[np.bool_]:
-    """A field of truth values, (N,); true where the topic has none."""
-    values = topic.get(field)
-    return np.ones(len(topic[_DATED]), np.bool_) if values is None else np.asarray(values, np.bool_)
-
-
-def device_ids(topic: Topic, field: str) -> npt.NDArray[np.int64]:
-    """Ids of the sensor behind each row, (N,); 0 where they are not told."""
-    ids = topic.get(field)
-    return np.zeros(len(topic[_DATED]), np.int64) if ids is None else np.asarray(ids).astype(np.int64)

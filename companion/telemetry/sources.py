@@ -1,0 +1,310 @@
+"""Which field of which message, record or topic becomes which column of a flight's series: the one table of all three.
+
+A row for each sensor that a MAVLink message tells of, a record of ArduPilot's log (all sensors of its kind) or a topic
+of PX4's (all of its instances). What the columns mean is in docs/messages.md. A kind that has a typed track (see
+`companion.telemetry.aiding`) has it from every row with these columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.model import IMU_MESSAGES, STANDARD_GRAVITY
+
+SI = {
+    "": 1.0,
+    "mG": STANDARD_GRAVITY * 1e-3,
+    "mrad/s": 1e-3,
+    "m/s/s": 1.0,
+    "rad/s": 1.0,
+    "rad": 1.0,
+    "m": 1.0,
+    "m/s": 1.0,
+    "cm/s": 1e-2,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "mm/s": 1e-3,
+    "Pa": 1.0,
+    "hPa": 100.0,
+    "degC": 1.0,  # temperatures stay in °C, as every data sheet has them
+    "cdegC": 1e-2,
+    "deg": float(np.radians(1.0)),
+    "deglatitude": float(np.radians(1.0)),
+    "deglongitude": float(np.radians(1.0)),
+    "cdeg": float(np.radians(1e-2)),
+    "degE7": float(np.radians(1e-7)),
+    "gauss": 1e-4,  # tesla
+    "Gauss": 1e-4,
+    "mgauss": 1e-7,
+    "hundredths": 1e-2,
+}
+"""Unit of MAVLink's dialects, of DataFlash's UNIT records or of PX4's topics → factor."""
+
+Fields = dict[str, tuple[tuple[str, str], ...]]
+"""Column → the fields that it may come from, the first that there is, each with its unit where the log states none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What a message, a kind of record or a topic says of one kind of sensor."""
+
+    name: str  # of records: of the first sensor, and since 2020 of all, with an instance column
+    kind: str
+    fields: Fields
+    instance: int = 0  # which sensor of its kind: of IMU and compass a message has one each
+    by: tuple[str, ...] = ()  # the fields by which a message tells several sensors apart
+    others: tuple[str, ...] = ()  # records of the second and third sensor before 2020, and of older estimators
+    sampled: str = ""  # the column of a record with the time of the sample itself; "": that of the record is
+    noted: bool = True  # whether zeros throughout are worth a note, and do not say that there is no such sensor
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All records that it is for."""
+        return (self.name, *self.others)
+
+
+def _of(columns: str, fields: str, unit: str = "") -> Fields:
+    """Columns, and the field of each, all of one unit."""
+    return {column: ((field, unit),) for column, field in zip(columns.split(), fields.split(), strict=True)}
+
+
+def _or(today: Fields, before: Fields) -> Fields:
+    """The same columns, and what older firmware calls their fields."""
+    return {column: ways + before.get(column, ()) for column, ways in today.items()}
+
+
+def _each(pattern: str, places: Iterable[int | str] = range(3)) -> str:
+    """A name for each place in it: "q[{}]" → "q[0] q[1] q[2]"."""
+    return " ".join(pattern.format(place) for place in places)
+
+
+_TESLA, _MPS2, _RADPS = _each("{}_tesla", "xyz"), _each("{}_mps2", "xyz"), _each("{}_radps", "xyz")
+_ANGLES, _NED_MPS, _NED_M = "roll_rad pitch_rad yaw_rad", "vn_mps ve_mps vd_mps", "north_m east_m down_m"
+_RATIOS = "velocity_ratio position_ratio height_ratio compass_ratio airspeed_ratio flags"
+_SIGMAS = "horizontal_sigma_m vertical_sigma_m speed_sigma_mps"
+_PLACE, _LEAN, _SPEED = "north_m2 east_m2 down_m2", "roll_rad2 pitch_rad2 yaw_rad2", "vn_m2ps2 ve_m2ps2 vd_m2ps2"
+_IMUS = (_each(of, range(4)) for of in ("gyro_{}_radps", "accel_{}_mps2", "gyro_{}_healthy", "accel_{}_healthy"))
+
+COLUMNS = {
+    kind: tuple(columns.split())
+    for kind, columns in {
+        "vibration": f"{_MPS2} clips_0 clips_1 clips_2",
+        "barometer": "pressure_pa altitude_m temperature_degc",
+        "gps": f"lat_rad lon_rad height_m speed_mps satellites fix_type hdop course_rad {_NED_MPS} {_SIGMAS}",
+        "interference": "jamming_state jamming_indicator spoofing_state",
+        "magnetometer": _TESLA,
+        "temperature": "temperature_degc",
+        "estimator": _RATIOS,
+        "accuracy": "horizontal_sigma_m vertical_sigma_m",
+        "variance": f"{_PLACE} {_LEAN} {_SPEED}",
+        "innovation": f"{_NED_MPS} {_NED_M} {_TESLA} yaw_rad airspeed_mps",
+        "attitude": _ANGLES,
+        "airspeed": "airspeed_mps true_airspeed_mps pressure_pa temperature_degc",
+        "inconsistency": " ".join(_IMUS),
+        "gyro_batch": _RADPS,
+        "accel_batch": _MPS2,
+        "range": "range_m least_m most_m variance_m2 status orientation quality",
+        "flow": "x_radps y_radps body_x_radps body_y_radps quality range_m",
+    }.items()
+}
+"""The columns of each kind, whatever the format. PX4's vibration metrics and flows as angles have their own names."""
+
+NONE_IF_ZERO = dict.fromkeys(("magnetometer", "gps", "airspeed", "range", "flow"), True) | {
+    "temperature": False,
+    "attitude": False,
+}
+"""Kinds of which a source that is zero throughout is none, and whether that is noted."""
+
+_FLOWN = f"x_rad y_rad {_each('gyro_{}_rad', 'xyz')}"
+ANGLES_OF_FLOW = _FLOWN.split()
+"""Columns of a flow that comes as angles over an interval."""
+
+_CLIPS = _of("clips_0 clips_1 clips_2", _each("clipping_{}"))
+VIBRATION_PX4 = (
+    _of("coning_rad2", "vibration_x") | _of("gyro_radps", "vibration_y", "rad/s")
+    | _of("accel_mps2", "vibration_z", "m/s/s") | _CLIPS
+)  # fmt: skip
+"""PX4 puts other things into VIBRATION, of the IMU that it has selected (modules/mavlink/streams/VIBRATION.hpp)."""
+_GPS = (
+    _of("lat_rad lon_rad", "lat lon", "degE7") | _of("height_m", "alt", "mm") | _of("speed_mps", "vel", "cm/s")
+    | _of("satellites fix_type", "satellites_visible fix_type") | _of("hdop", "eph", "hundredths")
+    | _of("course_rad", "cog", "cdeg") | _of(_SIGMAS, "h_acc v_acc vel_acc", "mm")
+)  # fmt: skip
+_PRESSURE = _of("pressure_pa", "press_abs", "hPa") | _of("temperature_degc", "temperature", "cdegC")
+_MATRIX = "covariance[{}]"
+
+# MAVLink common.xml: the upper triangle of a symmetric matrix row by row (6 x 6, 9 x 9), or all nine of a 3 x 3.
+MESSAGE_SOURCES = (
+    Source("VIBRATION", "vibration", _of(_MPS2, _each("vibration_{}", "xyz"), "m/s/s") | _CLIPS),
+    Source("SCALED_PRESSURE", "barometer", _PRESSURE),
+    Source("SCALED_PRESSURE2", "barometer", _PRESSURE, instance=1),
+    Source("SCALED_PRESSURE3", "barometer", _PRESSURE, instance=2),
+    Source("GPS_RAW_INT", "gps", _GPS),
+    Source("GPS2_RAW", "gps", _GPS, instance=1),
+    *(Source(name, "magnetometer", _of(_TESLA, _each("{}mag", "xyz"), "mgauss"), imu.instance)
+      for name, imu in IMU_MESSAGES.items()),
+    *(Source(name, "temperature", _of("temperature_degc", "temperature", "cdegC"), imu.instance)
+      for name, imu in IMU_MESSAGES.items()),
+    Source("EKF_STATUS_REPORT", "estimator", _of(
+        _RATIOS, "velocity_variance pos_horiz_variance pos_vert_variance compass_variance airspeed_variance flags")),
+    Source("ESTIMATOR_STATUS", "estimator", _of(
+        _RATIOS, "vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio tas_ratio flags")),
+    Source("ESTIMATOR_STATUS", "accuracy", _of(
+        "horizontal_sigma_m vertical_sigma_m", "pos_horiz_accuracy pos_vert_accuracy", "m")),
+    Source("AHRS2", "attitude", _of(_ANGLES, "roll pitch yaw", "rad"), instance=1),
+    Source("AHRS3", "attitude", _of(_ANGLES, "roll pitch yaw", "rad"), instance=2),
+    Source("AIRSPEED", "airspeed", _of("airspeed_mps", "airspeed", "m/s") | _of("pressure_pa", "raw_press", "hPa")
+           | _of("temperature_degc", "temperature", "cdegC"), by=("id",)),
+    Source("SCALED_PRESSURE", "airspeed", _of("pressure_pa", "press_diff", "hPa")
+           | _of("temperature_degc", "temperature_press_diff", "cdegC"), noted=False),
+    Source("DISTANCE_SENSOR", "range", _of(
+        "range_m least_m most_m", "current_distance min_distance max_distance", "cm")
+           | _of("orientation", "orientation"), by=("id", "orientation")),
+    Source("RANGEFINDER", "range", _of("range_m", "distance", "m")),
+    Source("OPTICAL_FLOW", "flow", _of("x_radps y_radps", "flow_rate_x flow_rate_y", "rad/s")
+           | _of("quality", "quality") | _of("range_m", "ground_distance", "m"), by=("sensor_id",)),
+    Source("OPTICAL_FLOW_RAD", "flow",
+           _of(_FLOWN, f"integrated_x integrated_y {_each('integrated_{}gyro', 'xyz')}", "rad")
+           | _of("interval_us quality", "integration_time_us quality") | _of("range_m", "distance", "m"),
+           by=("sensor_id",)),
+    Source("LOCAL_POSITION_NED_COV", "variance", _of(f"{_PLACE} {_SPEED}", _each(_MATRIX, (0, 9, 17, 24, 30, 35)))),
+    Source("ATTITUDE_QUATERNION_COV", "variance", _of(_LEAN, _each(_MATRIX, (0, 4, 8)))),
+    Source("ODOMETRY", "variance", _of(f"{_PLACE} {_LEAN}", _each("pose_covariance[{}]", (0, 6, 11, 15, 18, 20)))
+           | _of(_SPEED, _each("velocity_covariance[{}]", (0, 6, 11)))),
+)  # fmt: skip
+
+GPS_ACCURACY = _of("horizontal_sigma_m vertical_sigma_m", "HAcc VAcc", "m") | _of("speed_sigma_mps", "SAcc", "m/s")
+"""What GPA says of the fix in GPS."""
+
+RECORD_SOURCES = (
+    Source("VIBE", "vibration", _of(_MPS2, "VibeX VibeY VibeZ", "m/s/s") | _of(_each("clips_{}"), _each("Clip{}"))),
+    Source("BARO", "barometer", _of("pressure_pa", "Press", "Pa") | _of("altitude_m", "Alt", "m")
+           | _of("temperature_degc", "Temp", "degC"), others=("BAR2", "BAR3"), sampled="SMS"),
+    Source("GPS", "gps", _of("lat_rad lon_rad course_rad", "Lat Lng GCrs", "deg") | _of("height_m", "Alt", "m")
+           | _of("speed_mps vd_mps", "Spd VZ", "m/s") | _of("satellites fix_type hdop", "NSats Status HDop")
+           | GPS_ACCURACY, others=("GPS2",)),  # AP_GPS::GPS_Status has the numbers of GPS_FIX_TYPE
+    Source("MAG", "magnetometer", _of(_TESLA, "MagX MagY MagZ", "mgauss"), others=("MAG2", "MAG3"), sampled="S"),
+    Source("IMU", "temperature", _of("temperature_degc", "T", "degC"), others=("IMU2", "IMU3")),
+    Source("ARSP", "airspeed", _of("airspeed_mps", "Airspeed", "m/s") | _of("pressure_pa", "DiffPress", "Pa")
+           | _of("temperature_degc", "Temp", "degC"), others=("ASP2",)),
+    Source("RFND", "range", _or(
+        _of("range_m", "Dist", "m") | _of("status orientation quality", "Stat Orient Quality"),
+        _of("range_m", "Dist1", "m") | _of("orientation", "Orient1"))),  # before 2020
+    Source("OF", "flow", _of("x_radps y_radps body_x_radps body_y_radps", "flowX flowY bodyX bodyY", "rad/s")
+           | _of("quality", "Qual")),
+    Source("XKF4", "estimator", _of(_RATIOS, "SV SP SH SM SVT SS"), others=("NKF4", "EKF4")),
+    Source("XKF3", "innovation", _of(_NED_MPS, "IVN IVE IVD", "m/s") | _of(_NED_M, "IPN IPE IPD", "m")
+           | _of(_TESLA, "IMX IMY IMZ", "mgauss") | _of("yaw_rad", "IYAW", "deg") | _of("airspeed_mps", "IVT", "m/s"),
+           others=("NKF3", "EKF3")),
+    Source("AHR2", "attitude", _of(_ANGLES, "Roll Pitch Yaw", "deg")),
+    Source("DCM", "attitude", _of(_ANGLES, "Roll Pitch Yaw", "deg")),
+)  # fmt: skip
+"""Of the EKFs' records: EKF3's, EKF2's, and those of the one before them."""
+
+_GPS_TOPIC = (
+    _or(_of("lat_rad lon_rad", "latitude_deg longitude_deg", "deg"), _of("lat_rad lon_rad", "lat lon", "degE7"))
+    | _or(_of("height_m", "altitude_msl_m", "m"), _of("height_m", "alt", "mm"))  # integers before PX4 1.14
+    | _of(f"speed_mps {_NED_MPS}", "vel_m_s vel_n_m_s vel_e_m_s vel_d_m_s", "m/s")
+    | _of("satellites fix_type hdop", "satellites_used fix_type hdop") | _of("course_rad", "cog_rad", "rad")
+    | _of("horizontal_sigma_m vertical_sigma_m", "eph epv", "m") | _of("speed_sigma_mps", "s_variance_m_s", "m/s")
+)  # fmt: skip
+_JAMMED = "jamming_state jamming_indicator spoofing_state"
+_AIR = _of("pressure_pa", "baro_pressure_pa", "Pa") | _of("altitude_m", "baro_alt_meter", "m") | _or(
+    _of("temperature_degc", "ambient_temperature", "degC"), _of("temperature_degc", "baro_temp_celcius", "degC")
+)  # fmt: skip
+_GAUSS = _of(_TESLA, _each("magnetometer_ga[{}]"), "gauss")
+_FLOW_TOPIC = _or(  # since PX4 1.13, and before
+    _of(_FLOWN, f"{_each('pixel_flow[{}]', range(2))} {_each('delta_angle[{}]')}", "rad")
+    | _of("interval_us quality", "integration_timespan_us quality") | _of("range_m", "distance_m", "m"),
+    _of(_FLOWN, f"{_each('pixel_flow_{}_integral', 'xy')} {_each('gyro_{}_rate_integral', 'xyz')}", "rad")
+    | _of("interval_us", "integration_timespan") | _of("range_m", "ground_distance_m", "m"),
+)  # fmt: skip
+
+
+def _aid(of: str, axes: str, suffix: str, unit: str) -> Source:
+    """An estimator_aid_src_*: of each axis the innovation and its share of what is let in, and whether it was."""
+    fields: Fields = {}
+    for i, axis in enumerate(axes.split()):
+        element = f"[{i}]" if " " in axes else ""
+        fields |= _of(f"{axis}_{suffix}", f"innovation{element}", unit) | _of(f"{axis}_ratio", f"test_ratio{element}")
+    return Source(f"estimator_aid_src_{of}", "aiding", fields | _of("rejected fused", "innovation_rejected fused"))
+
+
+TOPIC_SOURCES = (
+    Source("vehicle_imu_status", "vibration", _or(
+        _of("coning_rad2", "delta_angle_coning_metric"), _of("coning_rad2", "gyro_coning_vibration"))
+           | _of("gyro_radps", "gyro_vibration_metric", "rad/s") | _of("accel_mps2", "accel_vibration_metric", "m/s/s")
+           | _of(_each("clips_{}", "xyz"), _each("accel_clipping[{}]"))
+           | _of(_each("gyro_clips_{}", "xyz"), _each("gyro_clipping[{}]"))),
+    Source("vehicle_air_data", "barometer", _AIR),
+    Source("vehicle_gps_position", "gps", _GPS_TOPIC),
+    Source("sensor_gps", "gps", _GPS_TOPIC),
+    Source("vehicle_gps_position", "interference", _of(_JAMMED, _JAMMED)),
+    Source("sensor_gps", "interference", _of(_JAMMED, _JAMMED)),
+    Source("vehicle_magnetometer", "magnetometer", _GAUSS),
+    Source("vehicle_imu_status", "temperature", _of("temperature_degc", "temperature_accel", "degC")),
+    Source("sensors_status_imu", "inconsistency",
+           _of(_each("gyro_{}_radps", range(4)), _each("gyro_inconsistency_rad_s[{}]", range(4)), "rad/s")
+           | _of(_each("accel_{}_mps2", range(4)), _each("accel_inconsistency_m_s_s[{}]", range(4)), "m/s/s")
+           | _of(_each("gyro_{}_healthy", range(4)), _each("gyro_healthy[{}]", range(4)))
+           | _of(_each("accel_{}_healthy", range(4)), _each("accel_healthy[{}]", range(4)))),
+    Source("estimator_status", "estimator", _or(_of(
+        _RATIOS, f"{_each('{}_test_ratio', ('vel', 'pos', 'hgt', 'mag', 'tas'))} solution_status_flags"),
+        _of("compass_ratio", "hdg_test_ratio"))),  # since PX4 1.15 that of the heading alone
+    Source("vehicle_odometry", "variance", _of(_PLACE, _each("position_variance[{}]"))
+           | _of(_LEAN, _each("orientation_variance[{}]")) | _of(_SPEED, _each("velocity_variance[{}]"))),
+    Source("airspeed", "airspeed", _of("airspeed_mps", "indicated_airspeed_m_s", "m/s")
+           | _of("true_airspeed_mps", "true_airspeed_m_s", "m/s")
+           | _of("temperature_degc", "air_temperature_celsius", "degC")),
+    Source("differential_pressure", "airspeed", _of("pressure_pa", "differential_pressure_pa", "Pa")
+           | _of("temperature_degc", "temperature", "degC")),
+    Source("distance_sensor", "range", _of("range_m least_m most_m", "current_distance min_distance max_distance", "m")
+           | _of("variance_m2 orientation quality", "variance orientation signal_quality")),
+    Source("vehicle_optical_flow", "flow", _FLOW_TOPIC),
+    Source("sensor_optical_flow", "flow", _FLOW_TOPIC),
+    Source("optical_flow", "flow", _FLOW_TOPIC),
+    Source("estimator_innovations", "innovation", _of(_NED_MPS, "gps_hvel[0] gps_hvel[1] gps_vvel", "m/s")
+           | _of(f"{_NED_M} gps_down_m", "gps_hpos[0] gps_hpos[1] baro_vpos gps_vpos", "m")
+           | _of(_TESLA, _each("mag_field[{}]"), "gauss") | _of("yaw_rad", "heading", "rad")
+           | _of("airspeed_mps", "airspeed", "m/s")),
+    Source("ekf2_innovations", "innovation", _of(_NED_MPS, _each("vel_pos_innov[{}]"), "m/s")
+           | _of(_NED_M, _each("vel_pos_innov[{}]", range(3, 6)), "m") | _of(_TESLA, _each("mag_innov[{}]"), "gauss")
+           | _of("yaw_rad", "heading_innov", "rad") | _of("airspeed_mps", "airspeed_innov", "m/s")),
+    # "In case the field is a vector, the test ratio will be put in the first component" (EstimatorInnovations.msg).
+    Source("estimator_innovation_test_ratios", "test_ratio", _of(_each("{}_ratio", (
+        "velocity", "vertical_velocity", "position", "height", "gps_height", "heading", "compass", "airspeed")),
+        "gps_hvel[0] gps_vvel gps_hpos[0] baro_vpos gps_vpos heading mag_field[0] airspeed")),
+    _aid("gnss_pos", "north east", "m", "m"),
+    _aid("gnss_vel", "vn ve vd", "mps", "m/s"),
+    _aid("gnss_hgt", "down", "m", "m"),
+    _aid("gnss_yaw", "yaw", "rad", "rad"),
+    _aid("baro_hgt", "down", "m", "m"),
+    _aid("rng_hgt", "down", "m", "m"),
+    _aid("mag", "x y z", "tesla", "gauss"),
+    _aid("mag_heading", "yaw", "rad", "rad"),
+    _aid("gravity", "x y z", "mps2", "m/s/s"),
+    _aid("airspeed", "airspeed", "mps", "m/s"),
+    _aid("ev_pos", "north east", "m", "m"),
+    _aid("ev_vel", "vn ve vd", "mps", "m/s"),
+    _aid("ev_hgt", "down", "m", "m"),
+    _aid("ev_yaw", "yaw", "rad", "rad"),
+    _aid("optical_flow", "x y", "radps", "rad/s"),
+)  # fmt: skip
+
+DRIVER_SOURCES = (
+    Source("sensor_mag", "magnetometer", _of(_TESLA, "x y z", "gauss")),
+    Source("sensor_baro", "barometer", _of("pressure_pa", "pressure", "Pa") | _of("altitude_m", "altitude", "m")
+           | _of("temperature_degc", "temperature", "degC")),
+    Source("sensor_combined", "magnetometer", _GAUSS),
+    Source("sensor_combined", "barometer", _AIR),
+)  # fmt: skip
+"""Topics of single drivers, of which tracks are made where the selected sensors are others, and no series."""
+
+
+def covariances(velocity: int) -> tuple[Source, ...]:
+    """Variances of EKF2's velocity, which begin at a place in its covariances, and of its position behind them."""
+    places = _of(f"{_SPEED} {_PLACE}", _each("covariances[{}]", range(velocity, velocity + 6)))
+    return tuple(Source(topic, "variance", places) for topic in ("estimator_states", "estimator_status"))
