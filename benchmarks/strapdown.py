@@ -27,7 +27,7 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState  # noqa: E402
-from companion.strapdown import Motion, Reckoner, motions, preintegrate, propagate, quaternion, reckon  # noqa: E402
+from companion.strapdown import DeadReckoner, Motion, dead_reckon, motions, preintegrate, propagate, quaternion  # noqa: E402
 
 RATE = 200.0
 End = tuple[Array, Array | None]  # attitude (4,) and position (3,) at the last sample; None: the peer has none
@@ -47,11 +47,11 @@ def user_seconds(run: Callable[[], object], repeats: int) -> float:
 def push_microseconds(middle: str, size: int, motion: Motion) -> float:
     """Median wall time of pushing chunks of `size` samples."""
     chunks = [motion.imu[i : i + size] for i in range(0, 400 * size, size)]
-    reckoner = Reckoner(motion.start, middle=middle)
+    dead_reckoner = DeadReckoner(motion.start, middle=middle)
     times = []
     for chunk in chunks:
         before = time.perf_counter()
-        reckoner.push(chunk)
+        dead_reckoner.push(chunk)
         times.append(time.perf_counter() - before)
     return 1e6 * statistics.median(times)
 
@@ -69,7 +69,7 @@ def reckon_in_this_process(path: str, middle: str) -> None:
     """The child of `peak_megabytes`: prints the peak in MB."""
     with np.load(path) as samples:
         imu = ImuTrack(samples["t"], samples["gyro"], samples["accel"])
-    reckon(imu, NavState(float(imu.t[0]), quaternion.IDENTITY, np.zeros(3), np.zeros(3)), middle=middle)
+    dead_reckon(imu, NavState(float(imu.t[0]), quaternion.IDENTITY, np.zeros(3), np.zeros(3)), middle=middle)
     # Not ru_maxrss: that survives exec, so a child would report its parent's peak.
     status = Path("/proc/self/status").read_text().split("VmHWM:")[1]
     print(float(status.split()[0]) / 1024)
@@ -80,7 +80,7 @@ def reckon_in_this_process(path: str, middle: str) -> None:
 
 def ours(middle: str, method: str = "rk4") -> Callable[[Motion], End]:
     def run(motion: Motion) -> End:
-        end = reckon(motion.imu, motion.start, method=method, middle=middle).end
+        end = dead_reckon(motion.imu, motion.start, method=method, middle=middle).end
         return end.q_ned_frd, end.position
 
     return run

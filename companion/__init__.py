@@ -13,6 +13,7 @@ Conventions: SI units, seconds of the vehicle's boot clock, body FRD, world NED,
 body to world.
 """
 
+import warnings
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,9 @@ def __getattr__(name: str) -> Any:
         return version("mavlink-companion")
     if name.startswith("__") and name != "__all__":
         raise AttributeError(f"module 'companion' has no attribute {name!r}")
+    if name == "reckon":
+        warnings.warn("companion.reckon is now companion.dead_reckon", DeprecationWarning, stacklevel=2)
+        name = "dead_reckon"
     if find_spec(f"{__name__}.{name}"):  # `from companion import frames` asks here first, and must not load the whole
         return import_module(f"{__name__}.{name}")
     return getattr(import_module("companion.api"), name)

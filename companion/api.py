@@ -49,7 +49,7 @@ from companion.model import (
     from_euler,
 )
 from companion.pages.notebook import OpenReplay, show
-from companion.strapdown import quaternion, reckon
+from companion.strapdown import dead_reckon, quaternion
 
 if TYPE_CHECKING:
     from companion.report import plot_drift, plot_errors, plot_path
@@ -93,6 +93,7 @@ __all__ = [
     "Verdict",
     "ape",
     "contrast",
+    "dead_reckon",
     "drift",
     "examine",
     "export",
@@ -102,7 +103,6 @@ __all__ = [
     "plot_drift",
     "plot_errors",
     "plot_path",
-    "reckon",
     "replay",
     "rpe",
     "show",

@@ -35,7 +35,8 @@ for row, expected in zip(found.drift.rows, found.expected, strict=True):
         print(f"{row.horizon_s:4g} s: {row.position_m.median:5.2f} m, expected {expected.position_m:6.2f} m")
 
 # > consistent - IMU and autopilot agree within the expected error (98 % of 46 windows of 2 s inside the 95 % bound,
-# > known errors removed; no sensor fault: 99.0 %). Not excluded: a gyro bias of 5.0-5.9 mrad/s.
+# > known errors removed; no sensor fault: 99.0 %). Not excluded: a gyro bias of 5.0-7.2 mrad/s or an
+# > accelerometer bias of 0.20-0.25 m/s².
 # >    1 s:  0.02 m, expected   0.27 m
 # >    2 s:  0.05 m, expected   0.41 m
 # >    5 s:  0.21 m, expected   2.22 m

@@ -22,7 +22,7 @@ from companion.model import (
     Vehicle,
     geodetic_from_ned,
 )
-from companion.simulate import GPS_SIGMA, HOME, pressure, witness
+from companion.simulate import GPS_SIGMA, HOME, aiding_readings, pressure
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 VEHICLE = Vehicle(1, 1, "ARDUPILOTMEGA", "QUADROTOR")
@@ -50,12 +50,12 @@ def flight_of(motion: Motion, *, every: int = 1, **changes: Any) -> Flight:
     return Flight(**(parts | changes))
 
 
-def witnessed(flight: Flight, motion: Motion, *, seed: int = 1, glitch: Any = None, fixes_hz: float = 2.5) -> Flight:
+def aided(flight: Flight, motion: Motion, *, seed: int = 1, glitch: Any = None, fixes_hz: float = 2.5) -> Flight:
     """The flight with a GPS receiver, 5 Hz at most, a compass at 20 Hz and a barometer at 10 Hz that saw the motion.
 
     glitch: times (N,) s → (N, 3) m NED, by how much the receiver's position is off then.
     """
-    seen, every = witness(motion, seed), slice(None, None, round(5.0 / fixes_hz))
+    seen, every = aiding_readings(motion, seed), slice(None, None, round(5.0 / fixes_hz))
     fixed, velocity = seen.fixed[every], seen.velocity[every]
     place = seen.place[every] if glitch is None else seen.place[every] + glitch(fixed)
     latitude, longitude, height = geodetic_from_ned(place, HOME).T
@@ -94,16 +94,16 @@ CIRCLE = motions.circle(seconds(50, 50), radius=25.0, speed=6.0, bank=0.15)
 
 
 def flown(motion: Motion = LIVELY, *, glitch: Any = None, fixes_hz: float = 2.5, **changes: Any) -> Flight:
-    """A flight from 10 s on with a good IMU, a good autopilot and every witness, but for the changes.
+    """A flight from 10 s on with a good IMU, a good autopilot and every aiding sensor, but for the changes.
 
-    glitch, fixes_hz: as of `witnessed`; the autopilot follows the receiver.
+    glitch, fixes_hz: as of `aided`; the autopilot follows the receiver.
     """
     flight = flight_of(motion, every=4, imus={"RAW_IMU": replace(simulate(motion.imu, GOOD, 1), source="RAW_IMU")})
     position = flight.position
     if glitch is not None and position is not None:
         flight = replace(flight, position=replace(position, position=position.position + glitch(position.t)))
     armed = Event(flight.start, "armed", "armed")
-    return replace(witnessed(flight, motion, glitch=glitch, fixes_hz=fixes_hz), **({"events": (armed,)} | changes))
+    return replace(aided(flight, motion, glitch=glitch, fixes_hz=fixes_hz), **({"events": (armed,)} | changes))
 
 
 def moved_north(gps: GpsTrack, metres: Any) -> GpsTrack:
@@ -111,7 +111,7 @@ def moved_north(gps: GpsTrack, metres: Any) -> GpsTrack:
     return replace(gps, latitude=gps.latitude + metres / 6.37e6)
 
 
-def without_witnesses(flight: Flight) -> Flight:
+def without_aiding(flight: Flight) -> Flight:
     """The same with IMU and autopilot alone."""
     return replace(flight, gps=(), compasses=(), barometers=())
 

@@ -44,7 +44,7 @@ def test_the_examples_of_the_docstrings(name: str, monkeypatch: pytest.MonkeyPat
 
 
 def test_the_ways_in_have_an_example() -> None:
-    for name in ("open_log", "drift", "replay", "reckon", "examine", "ape"):
+    for name in ("open_log", "drift", "replay", "dead_reckon", "examine", "ape"):
         assert ">>> " in (getattr(companion, name).__doc__ or ""), name
     assert len(MODULES) >= 6
 

@@ -76,7 +76,7 @@ def test_times_that_do_not_increase(make: Callable[..., Any], arrays: dict[str, 
 )
 def test_a_start_that_is_none(name: str, wrong: object) -> None:
     with pytest.raises(c.DataError, match=f"start.{name}"):
-        c.reckon(c.ImuTrack(T, ZERO, DOWN), c.NavState(**START | {name: wrong}))  # type: ignore[arg-type]
+        c.dead_reckon(c.ImuTrack(T, ZERO, DOWN), c.NavState(**START | {name: wrong}))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("dtype", [np.int16, np.uint8, np.int64, np.float32, np.float16, ">f8"])
@@ -88,7 +88,7 @@ def test_numbers_of_another_type_are_those_numbers(dtype: Any) -> None:
     def of(kind: Any) -> c.Trajectory:
         start = {name: np.asarray(value).astype(kind) for name, value in START.items() if name != "t"}
         imu = c.ImuTrack(t.astype(kind), gyro.astype(kind), accel.astype(kind))
-        return c.reckon(imu, c.NavState(0.0, **start))
+        return c.dead_reckon(imu, c.NavState(0.0, **start))
 
     given, exact = of(dtype), of(np.float64)
     np.testing.assert_allclose(given.q_ned_frd, exact.q_ned_frd, atol=1e-12)

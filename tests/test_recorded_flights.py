@@ -21,7 +21,7 @@ def test_the_bundled_hover_equals_a_scalar_loop() -> None:
     assert flight.attitude
     imu = imu[int(np.searchsorted(imu.t, flight.attitude.t[0])) :]
     start = c.NavState(imu.t[0], flight.attitude.q_ned_frd[0], np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -3.0]))
-    ours = c.reckon(imu, start, method="rk4", middle="linear")
+    ours = c.dead_reckon(imu, start, method="rk4", middle="linear")
     q, v, p = scalar_rk4(imu, start, "linear")
     assert len(ours) > 9000
     for mine, other in ((ours.q_ned_frd, q), (ours.velocity, v), (ours.position, p)):

@@ -1,10 +1,10 @@
 """How soon the live verdict tells of a fault: `python benchmarks/accuracy/onsets.py [--onsets 20] [--hours 10]`.
 
-Simulated flights with every witness, a fault at a random time; each time the last 40 s are judged, as on a link, with
-more and more of the fault in them. Printed is the least of it with which the right side is suspect, the median over the
-onsets. On a link the time to the next look (0.25 s at most, where the newest windows stand out; see docs/live.md) and
-that of one analysis come on top. Then healthy flights are judged every four seconds for so many hours in all, each
-estimate going on from the one before: how often is somebody suspect?
+Simulated flights with every aiding sensor, a fault at a random time; each time the last 40 s are judged, as on a
+link, with more and more of the fault in them. Printed is the least of it with which the right side is suspect, the
+median over the onsets. On a link the time to the next look (0.25 s at most, where the newest windows stand out; see
+docs/live.md) and that of one analysis come on top. Then healthy flights are judged every four seconds for so many
+hours in all, each estimate going on from the one before: how often is somebody suspect?
 """
 
 from __future__ import annotations

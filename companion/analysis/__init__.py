@@ -17,10 +17,10 @@ from companion.analysis.comparison import (
     windows,
 )
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
-from companion.analysis.departures import Sensitivity
+from companion.analysis.deviations import Sensitivity
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
 from companion.analysis.drift import Drift, DriftRow, Statistic, drift, drift_of
-from companion.analysis.episode import percent
+from companion.analysis.fault_interval import percent
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
@@ -52,7 +52,7 @@ from companion.analysis.pose_error import (
 )
 from companion.analysis.redundant_imus import RedundantImu, each_imu
 from companion.analysis.reference import Limits, Reference, reference_at
-from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
+from companion.analysis.replay import Continued, Replay, extend, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
 from companion.analysis.verdict import FlightVerdict, Verdict, lasting
@@ -127,7 +127,7 @@ __all__ = [
     "errors",
     "expected_by_age",
     "expected_since_anchor",
-    "go_on",
+    "extend",
     "gravity_for",
     "imu_noise",
     "inventory",

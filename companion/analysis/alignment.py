@@ -53,7 +53,7 @@ class Alignment:
 
 
 def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec | None = None) -> Alignment:
-    """Align the IMU of a comparison in the flight's first rest, and reckon its attitude from there to the end.
+    """Align the IMU of a comparison in the flight's first rest, and integrate its attitude from there to the end.
 
     Raises DataError when the vehicle never rests.
     """

@@ -15,9 +15,9 @@ from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
 from companion.analysis.correction import NO_CORRECTION, Correction
-from companion.analysis.departures import Sensitivity, sensitivity
+from companion.analysis.deviations import Sensitivity, sensitivity
 from companion.analysis.drift import Drift, drift_over
-from companion.analysis.episode import fault_probability
+from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding
@@ -61,7 +61,7 @@ class Assessment:
     autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
     agreements: Mapping[float, Agreement]  # horizon, s → the windows as the verdict judges them
     verdict: Verdict
-    best: BestEstimate | None  # the third opinion; None where the flight allows none
+    best: BestEstimate | None  # a third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
 
     @property

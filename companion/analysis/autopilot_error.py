@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.episode import BIAS_UNITS, SENSORS
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import Limits, attitude_error, length, reference_at
 from companion.constants import harm, healthy, num

@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from companion.analysis.episode import BIAS_UNITS, SENSORS, percent
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.lasting_errors import steady_error
 from companion.constants import check, harm, healthy, num, priors

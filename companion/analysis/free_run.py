@@ -11,7 +11,7 @@ from companion.analysis.reference import attitude_error
 from companion.analysis.replay import Continued, Replay
 from companion.constants import num
 from companion.model import Array, ImuTrack, NavState, Trajectory
-from companion.strapdown import SAME_TIME, Reckoner
+from companion.strapdown import SAME_TIME, DeadReckoner
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,15 +63,17 @@ class FreeRun:
         if len(steps) and steps.max() > how.limits.longest_step(track.t):
             self._end(f"the IMU was silent for {steps.max():.1f} s")
             return None
-        reckoner = Reckoner(settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity)
-        begun = reckoner.push(track[max(at - num.CONTEXT, 0) : end])
-        rest = reckoner.finish()
+        dead_reckoner = DeadReckoner(
+            settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity
+        )
+        begun = dead_reckoner.push(track[max(at - num.CONTEXT, 0) : end])
+        rest = dead_reckoner.finish()
         t = np.concatenate([begun.t, rest.t])
         old = int(np.searchsorted(t, t[-1] - num.FREE_RUN_SETTLED_S)) - 1
         if 0 <= old < len(begun):
             self._settled = NavState(float(t[old]), begun.q_ned_frd[old], begun.velocity[old], begun.position[old])
         self._begun, self._gravity = begun, how.gravity
-        return self._beside(reckoner.state, replay)
+        return self._beside(dead_reckoner.state, replay)
 
     def carry(self, continued: Continued) -> FreeState | None:
         """Where the run is at the end of a replay that went on from that which was taken last: a tenth of the work.

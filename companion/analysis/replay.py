@@ -156,7 +156,7 @@ class Continued:
     path: Preintegration  # over its samples, after `num.CONTEXT` more
 
 
-def go_on(
+def extend(
     before: Replay, imu: ImuTrack, attitude: AttitudeTrack, position: PositionTrack | None, how: Integration
 ) -> Continued | None:
     """A replay carried on to the newest samples, with its anchors: its last rows, and those that are new.

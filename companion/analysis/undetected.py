@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from companion.analysis.episode import BIAS_UNITS, SENSORS
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS
 from companion.estimation import BestEstimate, kind_of
 
 
 def harmful_undetected(best: BestEstimate) -> list[str]:
     """Biases of the IMU between what is harmful and what the flight would have shown: "a gyro bias of 5.0-5.9 mrad/s".
 
-    Those of GPS and compass only mislead where the autopilot follows them, and then it departs from the best estimate.
+    Those of GPS and compass only mislead where the autopilot follows them, and then it deviates from the best estimate.
     """
     out = []
     for sensor, (unit, scale, decimals) in BIAS_UNITS.items():

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.episode import BIAS_UNITS, SENSORS, bias_at_the_end, percent
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, bias_at_the_end, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.undetected import harmful_undetected
 from companion.analysis.without_windows import too_few_windows, unseen, would_show
@@ -117,7 +117,7 @@ def _decided(
     how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
     told = f"{fallen}{who} agree within the expected error ({how}{sure})."
     told += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
-    return Verdict("consistent", told + _unwitnessed(best), findings)
+    return Verdict("consistent", told + _not_verified(best), findings)
 
 
 def _how_sure(cause: Cause) -> str:
@@ -206,8 +206,8 @@ def _faults_told(probability: Mapping[str, float]) -> list[tuple[str, float]]:
 _NAMES = {"gps": "GPS", "imu": "IMU"}
 
 
-def _unwitnessed(best: BestEstimate | None) -> str:
-    """What both may have wrong together, as no third witness was there; "" elsewhere."""
+def _not_verified(best: BestEstimate | None) -> str:
+    """What both may have wrong together, as no third sensor was there; "" elsewhere."""
     if best is None or "gps_position" in best.residuals:
         return ""
     return " No GPS data: the position could not be verified."

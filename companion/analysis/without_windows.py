@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from companion.analysis.agreement import Agreement
 from companion.analysis.comparison import left_out
-from companion.analysis.episode import BIAS_UNITS, SENSORS
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS
 from companion.constants import num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import counted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ class Examination:
 
     flight: Flight
     assessment: Assessment
-    settings: Settings
+    settings: Settings = field(repr=False)
     imu_model: str | None  # the part that was named
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was requested

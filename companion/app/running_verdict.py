@@ -27,7 +27,7 @@ import msgspec
 
 from companion.analysis import Cause, Verdict, expected_by_age, lasting
 from companion.app.examination import assess_imu
-from companion.app.live import Band, Judge, Judging, Opinion, Pace
+from companion.app.live import Band, Judge, Judging, LiveVerdict, Pace
 from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.estimation import BestEstimate
@@ -60,7 +60,7 @@ class RunningVerdict:
     """Judges until `close`, again and again. Every method answers at once."""
 
     def __init__(self, assignment: Assignment) -> None:
-        self.opinion = Opinion("", "the first verdict comes when three windows of 5 s are complete", 0.0)
+        self.live_verdict = LiveVerdict("", "the first verdict comes when three windows of 5 s are complete", 0.0)
         self._ahead = 0.0  # s, of the stamps of what arrives over `time.monotonic()`
         self._waiting: deque[_Given] = deque([assignment], _MOST_WAITING)
         self._closing = threading.Event()
@@ -80,8 +80,8 @@ class RunningVerdict:
 
     @property
     def age_s(self) -> float:
-        """How old the data are that the opinion rests on, s."""
-        return max(time.monotonic() + self._ahead - self.opinion.newest, 0.0) if self.opinion.newest else 0.0
+        """How old the data are that the live_verdict rests on, s."""
+        return max(time.monotonic() + self._ahead - self.live_verdict.newest, 0.0) if self.live_verdict.newest else 0.0
 
     def receive(self, receipts: Iterable[tuple[Frames, float]]) -> None:
         """Take what has arrived."""
@@ -124,7 +124,7 @@ class RunningVerdict:
         assert self._process.stdout is not None
         with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # it has ended, perhaps in a sentence
             while True:
-                self.opinion = pickle.load(self._process.stdout)
+                self.live_verdict = pickle.load(self._process.stdout)
 
 
 def _send(stream: IO[bytes], one: object) -> None:
@@ -157,10 +157,10 @@ def _judge_until_the_end(given: IO[bytes], answers: IO[bytes]) -> None:
                 pace.at_once()
             else:
                 judge.hear(*one)
-        opinion = pace.step(time.monotonic())
-        if opinion is not None:
+        live_verdict = pace.step(time.monotonic())
+        if live_verdict is not None:
             with contextlib.suppress(OSError):
-                _send(answers, opinion)
+                _send(answers, live_verdict)
             give_back()  # a third of its memory is needed only while it judges
 
 

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         return live.nothing_received()
     if not restored or (recorder is not None and recorder.problem):
         return 2
-    status, _ = verdict.opinion.so_far
+    status, _ = verdict.live_verdict.so_far
     return options.exit_code(arguments.fail_on, [status])
 
 
@@ -103,17 +103,17 @@ class _Lines:
 
     def __init__(self, session: Session, verdict: RunningVerdict, changes: _Changes) -> None:
         self._session, self._verdict, self._changes = session, verdict, changes
-        self._due, self._seen = 0.0, verdict.opinion
+        self._due, self._seen = 0.0, verdict.live_verdict
 
     def show(self) -> None:
         """Say what is new."""
         for sentence in self._session.reported:
             live.say(sentence)
         self._session.reported.clear()
-        opinion, now = self._verdict.opinion, time.monotonic()
-        if opinion is self._seen and now < self._due:
+        live_verdict, now = self._verdict.live_verdict, time.monotonic()
+        if live_verdict is self._seen and now < self._due:
             return
-        self._seen, line = opinion, _line(self._session, self._verdict)
+        self._seen, line = live_verdict, _line(self._session, self._verdict)
         changed = self._changes.take(line)
         if changed or now >= self._due:
             self._due = now + _LINE_S
@@ -166,19 +166,19 @@ class _Changes:
 
 def _line(session: Session, verdict: RunningVerdict) -> dict[str, Any]:
     """What there is to say, in plain values."""
-    opinion, report = verdict.opinion, session.report()
-    status, text = opinion.so_far
+    live_verdict, report = verdict.live_verdict, session.report()
+    status, text = live_verdict.so_far
     return {
         "time": round(time.time(), 3),
-        "vehicle": opinion.vehicle,
-        "status": opinion.status,
-        "text": opinion.text,
+        "vehicle": live_verdict.vehicle,
+        "status": live_verdict.status,
+        "text": live_verdict.text,
         "age_s": round(verdict.age_s, 1),
         "status_so_far": status,
         "text_so_far": text,
         "alarms": [
             {"status": alarm.status, "text": alarm.text, "first": round(alarm.first, 1), "last": round(alarm.last, 1)}
-            for alarm in opinion.alarms
+            for alarm in live_verdict.alarms
         ],
         "link": report.link,
         "problem": report.problem,

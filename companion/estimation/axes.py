@@ -1,9 +1,9 @@
-"""Axes of an IMU that are mirrored or exchanged: which way to read it fits the other witnesses?
+"""Axes of an IMU that are mirrored or exchanged: which way to read it fits the other aiding sensors?
 
 A smoother that is told a wrong axis takes what contradicts it for noise, far more than the readings themselves scatter
-by. Then the IMU is read in other ways. The one that makes all witnesses likeliest is true, if they are far likelier so
-than by any single error of another kind. To the IMU alone, axes exchanged twice are a board that is turned, which only
-the compass contradicts.
+by. Then the IMU is read in other ways. The one that makes all aiding sensors likeliest is true, if they are far
+likelier so than by any single error of another kind. To the IMU alone, axes exchanged twice are a board that is
+turned, which only the compass contradicts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Reading:
     """Another way to read the IMU, and how much better it fits."""
 
     words: str
-    fits: float  # how much likelier all witnesses are, as a factor by which the IMU's noise would be less
+    fits: float  # how much likelier all aiding sensors are, as a factor by which the IMU's noise would be less
 
 
 def _mirrored(axis: int) -> Array:
@@ -57,7 +57,7 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     """(3,), (3,) the part of what an axis of gyro and accelerometer reads that the estimate's motion has: about 1.
 
     By regression over the intervals between keyframes, biases taken off, where nothing of the IMU was explained that
-    surely began in flight: a mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads
+    surely began in flight: a mirrored axis has -1 where the aiding sensors tell the motion. 1 for an axis that reads
     hardly more than its noise.
     """
     seconds = np.diff(best.t)[:, None]
@@ -144,13 +144,13 @@ def other_reading(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """How far the estimate of readings has come, and how likely it makes all witnesses."""
+    """How far the estimate of readings has come, and how likely it makes all aiding sensors."""
 
     at: tuple[Setup, Start] | None
     likelihood: float = -np.inf
 
     def fits_beside(self, likelihood: float) -> float:
-        """How many times less noise of the IMU would be as much likelier: that other witnesses fit worse, costs."""
+        """How many times less noise of the IMU would be as much likelier: that aiding sensors fit worse, costs."""
         intervals = 1 if self.at is None else len(self.at[0].t) - 1
         return in_noise(self.likelihood - likelihood, intervals)
 
@@ -168,7 +168,7 @@ def _gone_on(at: tuple[Setup, Start] | None, passes: int = num.SMOOTHER_PASSES) 
 
 
 def _likeliest(tried: _Tried) -> float:
-    """How likely readings make all witnesses where one error that is no other way to read them explains what it can.
+    """How likely readings make the aiding sensors where one error, no other way to read them, explains what it can.
 
     Of a few seconds of flight, a moment's shock is less noise by as much as axes that are exchanged.
     """

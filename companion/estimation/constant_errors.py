@@ -33,7 +33,7 @@ def constant_errors(states: States, solution: Solution) -> ConstantErrors:
 
 
 def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
-    """A time in the middle of the flight, s, and the errors by what every witness reads until then.
+    """A time in the middle of the flight, s, and the errors by what every aiding sensor reads until then.
 
     The densities and what is explained are those of the whole flight.
     """

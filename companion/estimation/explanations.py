@@ -30,7 +30,7 @@ class Signature:
     """How one explanation of m unknowns changes the residuals, fully at work."""
 
     motion: Array | None  # (K-1, 15, m)
-    measurements: Mapping[str, Array]  # witness → (M, d, m), as it adds to what is measured
+    measurements: Mapping[str, Array]  # aiding sensor → (M, d, m), as it adds to what is measured
 
     @property
     def unknowns(self) -> int:
@@ -53,13 +53,13 @@ class Problem:
     rougher: Mapping[str, float]  # "gyro", "accel" → times by which the variance of its noise is larger than stated
     others: tuple[Differences, ...] = ()  # what the other IMUs read more
 
-    def witness(self, name: str) -> Measurement | None:
-        """The measurements of a witness."""
+    def measurement(self, name: str) -> Measurement | None:
+        """The measurements of an aiding sensor."""
         return next((one for one in self.measurements if one.name == name), None)
 
     def told_often(self, name: str) -> Measurement | None:
-        """The same of a witness that was heard often enough to show a change; None otherwise."""
-        one = self.witness(name)
+        """The same of an aiding sensor that was heard often enough to show a change; None otherwise."""
+        one = self.measurement(name)
         return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
 
 
@@ -77,14 +77,16 @@ class Kind:
     prior: float  # 1σ of a size that may occur, in the unit; of a ramp reached within the flight
     least: float  # the smallest size that is called wrong: sensors in order change by less in a flight
     signature: Callable[[Problem], Signature | None]
-    needs: str = ""  # the witness without which nothing can be said of it
+    needs: str = ""  # the aiding sensor without which nothing can be said of it
     least_slow: float = 0.0  # the same of a ramp or creep, where that is more
     apart: float = 0.0  # of an IMU: what two of a vehicle part by in flight at least, if one of them is wrong
     serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
     rate: float = 0.1  # faults an hour
     most: float = np.inf  # a size beyond it no such fault has: readings that far off are none, or something else is
-    summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
-    retimes: tuple[str, ...] = ()  # witnesses whose readings speak of another time: linear in nothing but small sizes
+    summed: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
+    retimes: tuple[
+        str, ...
+    ] = ()  # aiding sensors whose readings speak of another time: linear in nothing but small sizes
 
     @property
     def sensor(self) -> str:
@@ -116,30 +118,32 @@ class Kind:
         return self.serious == np.inf
 
     def of(self, problem: Problem) -> Signature | None:
-        """Its signature in a problem; None where the flight has nothing that it would change, or no witness of it."""
-        return self.signature(problem) if self.has_witness(problem) else None
+        """Its signature in a problem; None where the flight has nothing that it would change, or no sensor shows it."""
+        return self.signature(problem) if self.has_aiding(problem) else None
 
-    def has_witness(self, problem: Problem) -> bool:
+    def has_aiding(self, problem: Problem) -> bool:
         """Whether the flight has what it takes to say anything of it."""
-        return not self.needs or problem.witness(self.needs) is not None
+        return not self.needs or problem.measurement(self.needs) is not None
 
     @property
     def moments(self) -> int:
-        """1 where it is there or not, 2 where any of its shapes grows for any of its witnesses."""
+        """1 where it is there or not, 2 where any of its shapes grows for any of its aiding sensors."""
         return 2 if self.summed or any(shape in SLOPED for shape in self.shapes) else 1
 
-    def shape_at(self, witness: str, shape: str) -> str:
-        """What a shape is for one of its witnesses."""
-        return INTEGRAL[shape] if witness in self.summed else shape
+    def shape_at(self, measured: str, shape: str) -> str:
+        """What a shape is for one of its aiding sensors."""
+        return INTEGRAL[shape] if measured in self.summed else shape
 
 
 def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
-    """A bias u beside the one that the states have; witnesses at rest read it too."""
+    """A bias u beside the one that the states have; aiding sensors at rest read it too."""
 
     def signature(problem: Problem) -> Signature | None:
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
         out[:, :9] = problem.motion.transition[:, :9, block]
-        read = {n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.witness(n)) is not None}
+        read = {
+            n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.measurement(n)) is not None
+        }
         return Signature(out, read)
 
     return signature
@@ -194,14 +198,14 @@ def _shift(*names: str) -> Callable[[Problem], Signature | None]:
 
 def _motion(problem: Problem) -> Signature | None:
     """GPS position and velocity that move together, as by spoofing: a velocity u."""
-    ones = [problem.witness(name) for name in ("gps_velocity", "gps_position")]
+    ones = [problem.measurement(name) for name in ("gps_velocity", "gps_position")]
     return Signature(None, {one.name: np.tile(np.eye(2), (len(one.t), 1, 1)) for one in ones if one is not None})
 
 
 def _late(problem: Problem) -> Signature | None:
     """A GPS whose fixes are late by u more: what a constant latency would change."""
     place = CONSTANTS["gps_latency"][0]
-    ones = [problem.witness(name) for name in _GPS]
+    ones = [problem.measurement(name) for name in _GPS]
     return Signature(None, {one.name: one.constants[:, :, place] for one in ones if one is not None})
 
 

@@ -205,7 +205,7 @@ def _exact(
 ) -> Cells | None:
     """A hypothesis at the very times of faults; None of what is tried at every keyframe, and of what tells nothing."""
     at_every_keyframe = kind.side == "imu" and kind.error != "scale" and shape in ("step", "shock")
-    if at_every_keyframe or not kind.has_witness(problem):
+    if at_every_keyframe or not kind.has_aiding(problem):
         return None
     ends = shape in ENDING
     times = {(a, b if ends else np.inf) for f in faults for a, b in zip(f.onset.tolist(), f.end.tolist(), strict=True)}

@@ -46,7 +46,7 @@ class Step:
     x: Array  # (K, 15) error of the states
     c: Array  # (39 + m,) error of the constants, and the sizes of what is accepted
     weight: Array  # (K-1, 15, 15) of the motion
-    information: tuple[Array, ...]  # of every witness, (M, d)
+    information: tuple[Array, ...]  # of every aiding sensor, (M, d)
     misfit: float  # at its beginning
     gain: float  # by how much less it is at its end, were the problem linear
 

@@ -1,4 +1,4 @@
-"""Noise learned from the flight: densities of the IMU, and the scale of every witness' σ.
+"""Noise learned from the flight: densities of the IMU, and the scale of every aiding sensor's σ.
 
 The variance θ of a cause with covariance θ V is multiplied by the root of eᵀ V e / tr(D V), where e is the smoothed
 disturbance and D its variance: each step raises the likelihood (MM algorithm of Zhou et al. 2019, "MM algorithms for
@@ -37,7 +37,7 @@ START = ProcessNoise(**num.FIRST_PROCESS_NOISE)
 
 
 _OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
-"""Witness → what is wrong with it where it alone is off by so much."""
+"""Aiding sensor → what is wrong with it where it alone is off by so much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, flo
 
 
 def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[str, tuple[float, float]]:
-    """Limits of the scales of witnesses that need more noise than one in order, while their readings scatter by less.
+    """Limits of the scales of aiding sensors that need more noise than usual, while their readings scatter by less.
 
     It is then no noise: they are off for long. Where it is so, the scale is limited to what one in order would have: a
     third of what is called wrong of it. A compass is none of them, for it errs by what the vehicle does.
@@ -114,9 +114,9 @@ def learn(
     limits: Mapping[str, tuple[float, float]],
     before: Mapping[str, Change],
 ) -> tuple[ProcessNoise, dict[str, float], dict[str, float], dict[str, Change]]:
-    """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
+    """One step of learning: densities of the process noise, scales of the aiding sensors' σ, and the change of each.
 
-    limits: of the densities of the IMU, and of the scales of witnesses that have any.
+    limits: of the densities of the IMU, and of the scales of aiding sensors that have any.
     before: the changes of the step before. The densities that the spectra of gyro and accelerometer show are believed
     beforehand: an inverse gamma distribution of the variance.
     """

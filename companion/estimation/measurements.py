@@ -1,4 +1,4 @@
-"""What each witness measures of the keyframes, linear in their errors: GPS, compass, barometer, rest.
+"""What each aiding sensor measures of the keyframes, linear in their errors: GPS, compass, barometer, rest.
 
 With C = C(q_ned_frd) at the keyframe, m the Earth's field in NED, h the hard and S the soft iron, l the lever arm and τ
 the latency:
@@ -41,13 +41,13 @@ NOMINAL: Mapping[str, float] = {
     "rest_rate": 2e-4,  # rad/s
     "calm": 45.0,  # m/s: of a velocity that wanders by 5 m/s within 20 s, as white noise every half second says it
 }
-"""Witness → 1σ before anything is learned, where the vehicle states none."""
+"""Aiding sensor → 1σ before anything is learned, where the vehicle states none."""
 
 LEAST: Mapping[str, float] = {
     "gps_position": 0.1, "gps_height": 0.15, "gps_velocity": 0.04, "gps_climb": 0.06, "compass": 0.8, "barometer": 0.1,
     "calm": 20.0,
 }  # fmt: skip
-"""Witness → the least 1σ that may be learned: below it stand errors of the model, such as soft iron and timing."""
+"""Aiding sensor → the least 1σ that may be learned: below it are errors of the model, as of soft iron and timing."""
 
 SLOW: Mapping[str, tuple[float, float, float]] = {
     "gps_position": (0.12, 2.0, 60.0), "gps_height": (0.5, 2.0, 60.0), "gps_velocity": (0.035, 2.5, 10.0),
@@ -65,7 +65,7 @@ UNITS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The readings of one witness that stand at keyframes. Nothing in them depends on the estimate."""
+    """The readings of one aiding sensor that stand at keyframes. Nothing in them depends on the estimate."""
 
     name: str
     t: Array  # (M,) s
@@ -145,7 +145,7 @@ def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], 
 
 
 def vector_readings(name: str, when: Array, value: Array, t: Array, spacing: float) -> Readings:
-    """Readings (M, d) of a witness with the nominal σ at keyframes t (K,)."""
+    """Readings (M, d) of an aiding sensor with the nominal σ at keyframes t (K,)."""
     return _at_keyframes(name, when, value, np.full(value.shape, NOMINAL[name]), t, spacing)
 
 
@@ -197,7 +197,7 @@ def _usual_latency(name: str) -> float:
 
 
 def measure(one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index) -> Measurement:
-    """The measurement factor of a witness about the present states; weights 1."""
+    """The measurement factor of an aiding sensor about the present states; weights 1."""
     count, d = one.value.shape
     h, h_c = np.zeros((count, d, STATES)), np.zeros((count, d, CONSTANT_STATES))
     k = one.keyframe

@@ -156,10 +156,10 @@ class Explained:
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """One witness: what the best estimate leaves of it."""
+    """One aiding sensor: what the best estimate leaves of it."""
 
     t: Array = field(repr=False)  # (M,) s
-    value: Array = field(repr=False)  # (M, d) measured less estimated, in the unit of the witness
+    value: Array = field(repr=False)  # (M, d) measured less estimated, in the unit of the aiding sensor
     sigma: Array = field(repr=False)  # (M, d) 1σ as learned
     weight: Array = field(repr=False)  # (M,) 1 for what is believed, towards 0 for what is doubted
     unit: str = ""
@@ -213,7 +213,7 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BestEstimate:
-    """The third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
+    """A third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
 
     imu: ImuTrack  # that it was carried by
     index: npt.NDArray[np.intp]  # (K,) samples of the IMU track at which the keyframes stand
@@ -225,20 +225,20 @@ class BestEstimate:
     accel_bias_sigma: Array  # (K, 3) m/s²
     constants_sigma: Array  # (39,)
     errors: ConstantErrors  # of the IMU
-    first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the witnesses tell until then
+    first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the aiding sensors tell until then
     noise: ProcessNoise  # learned
     lasting: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
     scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
-    measurement_scale: Mapping[str, float]  # witness → learned σ over the nominal one
+    measurement_scale: Mapping[str, float]  # aiding sensor → learned σ over the nominal one
     residuals: Mapping[str, Residuals]
     gravity: float
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
-    explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
+    explained: tuple[Explained, ...] = ()  # what was wrong, as far as the aiding sensors tell, the first in time first
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     further: tuple[Rival, ...] = ()  # the hypotheses beside those in the estimate, the likeliest fault first
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
     confusion: ConfusionMatrix | None = None  # where it was asked for
-    heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
+    heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which aiding sensor gives the heading
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -266,7 +266,7 @@ class BestEstimate:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the IMU fits the other witnesses only with far more noise than it shows, at any time."""
+        """Whether the IMU fits the other aiding sensors only with far more noise than it shows, at any time."""
         return self.noise.contradicts(self.scatter)
 
     def sigma(self, block: slice) -> Array:

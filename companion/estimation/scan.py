@@ -80,7 +80,7 @@ def _said(
     for kind, whole in signatures.items():
         m = whole.unknowns
         for factors in changed(problem, solution, whole):
-            stack.add(factors, cuts, at + kind.moments * m * (factors.witness in kind.summed), kind.moments)
+            stack.add(factors, cuts, at + kind.moments * m * (factors.measured in kind.summed), kind.moments)
         places[kind] = slice(at, at + columns[kind] * m)
         at = places[kind].stop
     beside = stack.beside_constants(solution)

@@ -87,7 +87,7 @@ def times_of_change(t: Array) -> tuple[float, float]:
 def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Trial | None:
     """A kind and shape at the cuts of the grid, and where its readings step."""
     parts = [on_cuts(problem, solution, grid, kind, shape)]
-    if kind.has_witness(problem) and kind.side != "imu" and shape in ("step", "pulse"):
+    if kind.has_aiding(problem) and kind.side != "imu" and shape in ("step", "pulse"):
         first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
         sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
         sudden = sudden[(sudden >= first) & (sudden <= last)]
@@ -101,7 +101,7 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
 
 def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Cells | None:
     """A kind and shape at the cuts of the grid, or at every keyframe; None where the flight tells nothing of it."""
-    if not kind.has_witness(problem):
+    if not kind.has_aiding(problem):
         return None
     t = problem.t
     first, last = times_of_change(t)
@@ -243,7 +243,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     _, d = solution.disturbances
     for (name, shape), block in _AT_EVERY_KEYFRAME.items():
         kind = kind_of(name)
-        if shape != "step" or not kind.has_witness(problem):
+        if shape != "step" or not kind.has_aiding(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
         sizes = least_found(known, kind, shape, hours, cell)

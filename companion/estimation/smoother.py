@@ -54,7 +54,7 @@ def smooth(
     before: BestEstimate | None = None,
     confusion: bool = False,
 ) -> BestEstimate:
-    """The best estimate of a flight's trajectory from one IMU and every witness but the autopilot's own estimate.
+    """The best estimate of a flight's trajectory from one IMU and every aiding sensor but the autopilot's own estimate.
 
     imu: the message, as for `Flight.imu`. guess: where to begin, in place of the autopilot's attitude and the GPS; the
     result does not depend on it. span: boot times (s) to which the estimate is confined.

@@ -36,7 +36,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """M readings of one witness: residual = r - H x_k - H_c c."""
+    """M readings of one aiding sensor: residual = r - H x_k - H_c c."""
 
     name: str
     t: Array  # (M,) s, of the readings
@@ -190,9 +190,9 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
 
 
 def _whitened(own: slice, measurements: Sequence[Measurement], states: int, constants: int) -> tuple[Array, Array]:
-    """H (k, D, n), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, by σ; zero for no reading.
+    """H (k, D, n), and H_c with r (k, D, C + 1), of all aiding sensors at some keyframes, by σ; zero for no reading.
 
-    A witness has one reading at a keyframe, and its keyframes ascend.
+    An aiding sensor has one reading at a keyframe, and its keyframes ascend.
     """
     shape = own.stop - own.start, sum(one.residual.shape[1] for one in measurements)
     h, beside = np.zeros((*shape, states)), np.zeros((*shape, constants + 1))
@@ -231,14 +231,14 @@ def motion_residual(motion: Motion, solution: Solution) -> Array:
 
 
 def measurement_residual(one: Measurement, solution: Solution) -> Array:
-    """(M, d) what the solution leaves of a witness; of N data sets (M, d, N)."""
+    """(M, d) what the solution leaves of an aiding sensor; of N data sets (M, d, N)."""
     return np.asarray(one.residual - applied(one.states, solution.x[one.keyframe]) - one.constants @ solution.c)
 
 
 def squares(motion: Array, weight: Array, measured: Iterable[tuple[Array, Array]]) -> float:
     """The sum of the squares of residuals, each divided by its σ.
 
-    motion (K-1, n) with weight (K-1, n, n); measured: residuals (M, d) of a witness and their inverse variances.
+    motion (K-1, n) with weight (K-1, n, n); measured: residuals (M, d) of an aiding sensor and their inverse variances.
     """
     total = float(((weight @ motion[..., None])[..., 0] * motion).sum())
     return total + sum(float((left**2 * information).sum()) for left, information in measured)

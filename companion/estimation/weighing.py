@@ -20,9 +20,9 @@ from companion.model import Array
 
 
 def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
-    """(J,) s: times at which the readings of a witness step against what the estimate says, the largest first."""
+    """(J,) s: times at which the readings of an aiding sensor step against the estimate, the largest first."""
     signature = kind.signature(problem)
-    one = problem.witness(next(iter(signature.measurements), "")) if signature is not None else None
+    one = problem.measurement(next(iter(signature.measurements), "")) if signature is not None else None
     if one is None or len(one.t) < 10:
         return np.zeros(0)
     step = np.linalg.norm(np.diff(measurement_residual(one, solution) / one.sigma, axis=0), axis=1)
@@ -50,7 +50,7 @@ def _peaks(solution: Solution) -> Index:
 class Factors:
     """N factors that an explanation of m unknowns changes, and how, fully at work."""
 
-    witness: str  # empty for the motion
+    measured: str  # empty for the motion
     keyframe: Index  # (N,) that each of them sees, of the motion the first of two
     start: Array  # (N,) s
     stop: Array  # (N,) s, the same for a reading
@@ -67,7 +67,7 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
     if s is not None:
         ws = motion.weight @ s
         yield Factors(
-            witness="",
+            measured="",
             keyframe=np.arange(len(s)),
             start=problem.t[:-1],
             stop=problem.t[1:],
@@ -78,11 +78,11 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
             v=s.swapaxes(-1, -2) @ ws,
         )
     for name, s in signature.measurements.items():
-        one = problem.witness(name)
+        one = problem.measurement(name)
         assert one is not None
         ws = one.information[..., None] * s
         yield Factors(
-            witness=name,
+            measured=name,
             keyframe=one.keyframe,
             start=one.t,
             stop=one.t,
@@ -132,7 +132,7 @@ def _told(
     border = np.zeros((solution.border.shape[2], pieces, m))
     b, v = np.zeros((pieces, *factors[0].b.shape[1:])), np.zeros((tries, m, m))
     for one in factors:
-        share = at_work(kind.shape_at(one.witness, shape), moments[:-1], moments[1:], one.start, one.stop)
+        share = at_work(kind.shape_at(one.measured, shape), moments[:-1], moments[1:], one.start, one.stop)
         b += np.tensordot(share, one.b, axes=1)
         v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)

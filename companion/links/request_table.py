@@ -32,7 +32,7 @@ class Row:
 _ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
 
 _ROWS = (
-    # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent witness.
+    # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent sensor.
     Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER), stream=1),
     Row("SCALED_IMU", "imu", 10.0, (_PX4, _OTHER)),
     Row("ATTITUDE", "attitude", 10.0, stream=10),

@@ -137,8 +137,8 @@ class Flight:
         """The IMU message to integrate when the user names none; None when the flight has no usable one.
 
         RAW_IMU is IMU 0 cut to whole milli-units; where HIGHRES_IMU is the same readings as floats, it is preferred
-        when it speaks of the same IMU throughout. One that the estimator's biases have been taken off would witness in
-        its own case, and comes last. A message with less than a quarter of the samples of the best is passed over,
+        when it is of the same IMU throughout. One that the estimator's biases have been taken off is not independent of
+        it, and comes last. A message with less than a quarter of the samples of the best is passed over,
         unless its samples are means over intervals that join: nothing costs more accuracy than a low rate.
         """
         order = by_preference()

@@ -130,7 +130,9 @@ class AttitudeTrack(Sampled):
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
     rates: Array  # (N, 3) the autopilot's bias-corrected body rates, FRD, rad/s
     source: str = ""
-    rates_told: bool = True  # by the autopilot; False: reckoned from its IMU's readings, and no second opinion on them
+    rates_told: bool = (
+        True  # by the autopilot; False: reckoned from its IMU's readings, and no second live_verdict on them
+    )
 
     def __post_init__(self) -> None:
         _hold(self, q_ned_frd=4, rates=3)

@@ -42,7 +42,7 @@ def brief(self: object) -> str:
       rates_told=True)
     """
     lines = [f"{type(self).__name__}("]
-    names = [f.name for f in fields(self)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
     for i, name in enumerate(names, 1):
         part = f"{name}={_short(getattr(self, name))}" + (")" if i == len(names) else ", ")
         if len(lines[-1]) + len(part.rstrip()) <= WIDTH:

@@ -109,8 +109,10 @@ class LiveFeed:
 
     @property
     def verdict(self) -> LiveVerdict:
-        opinion = self._verdict.opinion
-        return LiveVerdict(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
+        live_verdict = self._verdict.live_verdict
+        return LiveVerdict(
+            live_verdict.status, live_verdict.text, self._verdict.age_s, *live_verdict.so_far, live_verdict.expected
+        )
 
     def wait(self, timeout_s: float) -> None:
         self._attachment.wait(timeout_s)

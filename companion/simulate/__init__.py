@@ -7,13 +7,13 @@ from companion.simulate.true_flight import (
     LOOP_US,
     MOTIONS,
     TYPICAL,
+    AidingReadings,
     Faults,
     Flown,
-    Witnesses,
+    aiding_readings,
     fly,
     low_pass,
     pressure,
-    witness,
 )
 from companion.simulate.vehicle import PARAMETERS, SimulatedVehicle, serve, write_flight
 
@@ -24,15 +24,15 @@ __all__ = [
     "MOTIONS",
     "PARAMETERS",
     "TYPICAL",
+    "AidingReadings",
     "Faults",
     "Flown",
     "SimulatedVehicle",
-    "Witnesses",
+    "aiding_readings",
     "fly",
     "low_pass",
     "pressure",
     "serve",
     "square",
-    "witness",
     "write_flight",
 ]

@@ -95,14 +95,14 @@ def _fields(name: str, flown: Flown, index: Steps, boot_us: Steps) -> Fields:
         return _fix(flown, index, boot_us)
     stamp: Fields = {"time_usec": boot_us} if name in ("RAW_IMU", "HIGHRES_IMU") else {"time_boot_ms": boot_us // 1000}
     if name == "HIGHRES_IMU":
-        field = flown.witnesses.fields[0][index] / _GAUSS
+        field = flown.aiding.fields[0][index] / _GAUSS
         read = _columns((*_IMU, *_COMPASS), flown.imu.accel[index], flown.imu.gyro[index], field)
         columns: Fields = {**read, "fields_updated": 0x1FF}
     elif name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
         second = name == "SCALED_IMU2"
-        columns = _milli(flown.second if second else flown.imu, flown.witnesses.fields[second], index)
+        columns = _milli(flown.second if second else flown.imu, flown.aiding.fields[second], index)
     elif name == "SCALED_PRESSURE":
-        columns = {"press_abs": pressure(flown.witnesses.height[index]) / _HPA, "temperature": _MILD}
+        columns = {"press_abs": pressure(flown.aiding.height[index]) / _HPA, "temperature": _MILD}
     elif name == "ATTITUDE":
         columns = _columns((*_ANGLES, *_RATES), quaternion.to_euler(flown.q_ned_frd[index]), flown.rates[index])
     elif name == "ATTITUDE_QUATERNION":
@@ -124,7 +124,7 @@ def _global(flown: Flown, index: Steps) -> Fields:
 
 def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:
     """GPS_RAW_INT: the newest fix, with the time at which it came. Without the extensions that it does not know."""
-    seen, t = flown.witnesses, flown.truth.t[index]
+    seen, t = flown.aiding, flown.truth.t[index]
     newest = np.maximum(np.searchsorted(seen.fixed, t + 1e-6, side="right") - 1, 0)
     place, (north, east, _) = _geodetic(seen.place[newest]) * [1e7, 1e7, 1e3], seen.velocity[newest].T
     horizontal, vertical, speed = (round(1e3 * sigma) for sigma in GPS_SIGMA)

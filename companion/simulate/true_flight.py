@@ -27,7 +27,7 @@ _BAROMETER_SIGMA = 0.1  # m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Witnesses:
+class AidingReadings:
     """Readings at the N times of a motion, and fixes as they come."""
 
     fixed: Array  # (M,) s, when a fix reached the autopilot: FIX_LATENCY_S after the time that it speaks of
@@ -37,7 +37,7 @@ class Witnesses:
     height: Array  # (N,) m above HOME, by the barometer
 
 
-def witness(truth: Motion, seed: int) -> Witnesses:
+def aiding_readings(truth: Motion, seed: int) -> AidingReadings:
     """What the sensors read of a motion. The same seed gives the same readings."""
     rng = np.random.default_rng([seed, 1])  # the IMU's noise has draws of its own
     t = truth.t
@@ -46,7 +46,7 @@ def witness(truth: Motion, seed: int) -> Witnesses:
     place, velocity = (interpolated(fixed - FIX_LATENCY_S, t, of) for of in (truth.position, truth.velocity))
     felt = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), EARTH_FIELD)
     first, second = felt + _COMPASS_SIGMA * rng.standard_normal((2, len(t), 3))
-    return Witnesses(
+    return AidingReadings(
         fixed=fixed,
         place=place + [horizontal, horizontal, vertical] * rng.standard_normal(place.shape),
         velocity=velocity + speed * rng.standard_normal(velocity.shape),
@@ -153,7 +153,7 @@ class Flown:
     rates: Array  # (N, 3) of the body rates, FRD, rad/s,
     velocity: Array  # (N, 3) of velocity, NED, m/s,
     position: Array  # (N, 3) and of position, NED, m
-    witnesses: Witnesses  # GPS, compasses, barometer
+    aiding: AidingReadings  # GPS, compasses, barometer
 
     def __len__(self) -> int:
         return len(self.truth.t)
@@ -208,7 +208,7 @@ def fly(
         imu, second = _filtered(imu, filter_hz), _filtered(second, filter_hz)
     then = np.maximum(np.arange(len(t)) - round(latency_s * 1e6 / LOOP_US), 0)
     position = truth.position[then] + 0.01 * place
-    others = witness(truth, seed)
+    others = aiding_readings(truth, seed)
     if faults.ekf_reset:
         begin, jump = faults.ekf_reset
         position[t >= begin, 0] += jump
@@ -225,7 +225,7 @@ def fly(
         rates=truth.gyro[then] + 2e-3 * rate,
         velocity=truth.velocity[then] + 5e-3 * speed,
         position=position,
-        witnesses=others,
+        aiding=others,
     )
 
 

@@ -5,28 +5,29 @@ from companion.strapdown._methods import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown._window_sums import skew
 from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, propagate
+from companion.strapdown.dead_reckon import SAME_TIME, Preintegration, dead_reckon, preintegrate
+from companion.strapdown.dead_reckoner import DeadReckoner
 from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
-from companion.strapdown.reckon import SAME_TIME, Preintegration, preintegrate, reckon
-from companion.strapdown.reckoner import Reckoner
 
 __all__ = [
     "METHODS",
     "MIDDLES",
     "MOVED",
     "SAME_TIME",
+    "DeadReckoner",
     "ImuModel",
     "Increments",
     "Motion",
     "Preintegration",
     "Propagation",
-    "Reckoner",
     "Sensor",
     "Sums",
     "attitude_at",
     "correct",
+    "dead_reckon",
     "dense_attitude",
     "error_sums",
     "increments",
@@ -37,7 +38,6 @@ __all__ = [
     "propagate",
     "quantisation_density",
     "quaternion",
-    "reckon",
     "simulate",
     "skew",
 ]

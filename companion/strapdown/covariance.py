@@ -22,7 +22,7 @@ import numpy.typing as npt
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import _window_sums as sums
 from companion.strapdown import quaternion
-from companion.strapdown.reckon import Preintegration
+from companion.strapdown.dead_reckon import Preintegration
 
 Index = npt.NDArray[np.intp]
 

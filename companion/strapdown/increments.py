@@ -1,8 +1,8 @@
 """What one IMU interval adds: body increments (dq, dv, dp) without gravity, for all intervals at once.
 
 A step starts from the identity, not from q_n, so every increment depends on its own samples alone and all
-of them are computed as arrays; `companion.strapdown.reckon` then multiplies and sums them up. Between two samples the
-signal is a line through them (`middle="linear"`) or the cubic through the four samples around
+of them are computed as arrays; `companion.strapdown.dead_reckon` then multiplies and sums them up. Between two
+samples the signal is a line through them (`middle="linear"`) or the cubic through the four samples around
 (`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and 4 with the cubic (docs/mathematics.md).
 Where samples are means over joining intervals (`ImuTrack.interval`), "cubic" is what conserves their integrals
 (`companion.strapdown._signal`).
@@ -110,8 +110,8 @@ def chunks(
 ) -> Iterator[tuple[int, Array, tuple[Array, Array, Array]]]:
     """(first interval, dt (n,), (dq (4, n), dv (3, n), dp (3, n))) of cache-sized runs of the intervals start..stop-1.
 
-    Component-first, for `reckon`. Samples before and after a run still shape the cubic at its ends, so the cutting does
-    not change the numbers.
+    Component-first, for `dead_reckon`. Samples before and after a run still shape the cubic at its ends, so the cutting
+    does not change the numbers.
     """
     middle = scheme.middle if scheme.looks_ahead else "linear"  # the same numbers where nothing looks inside
     for first in range(start, stop, CHUNK):

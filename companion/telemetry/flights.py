@@ -233,7 +233,7 @@ def _doubts(flight: Flight, imus: Mapping[str, ImuTrack]) -> list[str]:
     """What is to be known of a flight's IMUs as a whole."""
     px4 = flight.vehicle.autopilot == "PX4"
     if px4 and imus.keys() == {"HIGHRES_IMU"}:
-        return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"]
+        return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent sensor"]
     if not _is_ardupilot(flight.vehicle):
         return []
     doubts = []

@@ -178,7 +178,7 @@ class Stream:
         """When the newest message arrived, s UNIX; NaN: none has."""
         return self._newest
 
-    def go_on(self, flight: Flight, imu: str, since: float) -> NewestTracks | None:
+    def extend(self, flight: Flight, imu: str, since: float) -> NewestTracks | None:
         """What arrived at `since` s UNIX or later of one IMU of a flight, its attitude and its position.
 
         flight: one of `recent`, made of some of these messages. A tenth of the work of `recent`; None where only that

@@ -11,7 +11,7 @@ from tests.estimation.sensed import sensed
 
 @pytest.fixture(scope="session")
 def flight() -> Flight:
-    """A minute at 50 Hz, without any fault, heard by every witness."""
+    """A minute at 50 Hz, without any fault, heard by every aiding sensor."""
     return sensed(60.0, rate=50.0)[0]
 
 

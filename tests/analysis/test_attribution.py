@@ -12,8 +12,15 @@ from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
 from companion.analysis.attribution import findings_of, follows
 from companion.analysis.comparison import compare
-from companion.analysis.departures import departures
-from companion.analysis.episode import Departure, Episode, cause_of, episodes, fault_probability, said
+from companion.analysis.deviations import estimator_deviations
+from companion.analysis.fault_interval import (
+    EstimatorDeviation,
+    FaultInterval,
+    cause_of,
+    fault_intervals,
+    fault_probability,
+    said,
+)
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
@@ -50,7 +57,7 @@ def step(onset: float, end: float, size: float) -> Explained:
 
 
 def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstimate) -> None:
-    assert departures(flight, best, Limits()) == ()
+    assert estimator_deviations(flight, best, Limits()) == ()
     assert findings_of((), (), best) == []
 
 
@@ -59,15 +66,15 @@ def test_an_imu_that_the_autopilot_did_not_fly_on_misleads_nobody(
     flight: Flight, best: BestEstimate, flown_on: int, misled: bool
 ) -> None:
     off = replace(best, explained=(step(ONSET, np.inf, 0.05),))
-    departed = departures(headed(flight, 40.0), best, Limits())
+    deviations = estimator_deviations(headed(flight, 40.0), best, Limits())
     in_use = SensorInUse(np.array([0.0]), np.array([flown_on]))
-    found = findings_of(episodes(off), departed, off, in_use=in_use)
+    found = findings_of(fault_intervals(off), deviations, off, in_use=in_use)
     assert ("misled" in found[0].evidence) is misled
     assert any(one.kind == "heading_off" for one in found) is not misled
 
 
-def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
-    found = departures(headed(flight, 40.0), best, Limits())
+def test_a_deviation_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
+    found = estimator_deviations(headed(flight, 40.0), best, Limits())
     (heading,) = (d for d in found if d.quantity == "heading")
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees(heading.size) == pytest.approx(40.0, abs=2.0)
@@ -104,10 +111,10 @@ def unsure(best: BestEstimate) -> BestEstimate:
 
 def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: BestEstimate) -> None:
     doubted = turned_whole(best)
-    (heading,) = departures(headed(flight, 20.0), doubted, Limits())
+    (heading,) = estimator_deviations(headed(flight, 20.0), doubted, Limits())
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
-    assert departures(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
+    assert estimator_deviations(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
 
 
 def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_of_it(
@@ -116,9 +123,9 @@ def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_o
     """As where the whole flight is reckoned backwards: from 178 to 182° is 4°, and not 356."""
     doubted, later = turned_whole(best), flight.require_attitude().t >= ONSET
     other = turned(flight, np.radians(np.where(later, 182.0, 178.0))[:, None] * DOWN)
-    assert departures(other, doubted, Limits()) == ()
+    assert estimator_deviations(other, doubted, Limits()) == ()
     further = turned(flight, np.radians(np.where(later, 200.0, 178.0))[:, None] * DOWN)
-    (heading,) = departures(further, doubted, Limits())
+    (heading,) = estimator_deviations(further, doubted, Limits())
     assert np.degrees(heading.size) == pytest.approx(22.0, abs=1.0)
 
 
@@ -126,16 +133,16 @@ def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Fligh
     """Off by 8° to one side, then to the other: no fault where that is in doubt at each time anew."""
     later = flight.require_attitude().t >= ONSET
     other = turned(flight, np.radians(np.where(later, 8.0, -8.0))[:, None] * DOWN)
-    (heading,) = departures(other, turned_whole(best), Limits())
+    (heading,) = estimator_deviations(other, turned_whole(best), Limits())
     assert np.degrees(heading.size) == pytest.approx(16.0, abs=1.0)
-    assert departures(other, unsure(best), Limits()) == ()
+    assert estimator_deviations(other, unsure(best), Limits()) == ()
 
 
-def test_a_heading_in_doubt_that_does_not_change_is_no_departure(flight: Flight, best: BestEstimate) -> None:
+def test_a_heading_in_doubt_that_does_not_change_is_no_deviation(flight: Flight, best: BestEstimate) -> None:
     """Off by 16° throughout, where 3σ are 13°: an offset that nothing tells apart from the estimate's own."""
     always = turned(flight, np.radians(16.0) * DOWN)
-    assert [d.quantity for d in departures(always, best, Limits())] == ["heading"]
-    assert departures(always, unsure(best), Limits()) == ()
+    assert [d.quantity for d in estimator_deviations(always, best, Limits())] == ["heading"]
+    assert estimator_deviations(always, unsure(best), Limits()) == ()
 
 
 def test_a_heading_that_drifts_on_a_circle_is_no_lag(flight: Flight, best: BestEstimate) -> None:
@@ -153,7 +160,7 @@ def test_a_heading_that_drifts_on_a_circle_is_no_lag(flight: Flight, best: BestE
     )
     off = np.radians(np.where(circling, 1.5, -1.5))
     track = replace(track, q_ned_frd=quaternion.exp(np.interp(track.t, t, heading + off)[:, None] * DOWN))
-    assert departures(replace(flight, attitude=track), turns, Limits()) == ()
+    assert estimator_deviations(replace(flight, attitude=track), turns, Limits()) == ()
 
 
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
@@ -166,20 +173,20 @@ def test_a_heading_that_is_set_anew_begins_anew_unless_a_turned_compass_sets_it(
     other = replace(other, resets=(EstimatorReset(ONSET, "heading"),))
     field = accepted("compass_field", 0.0, 8.0, onset=ONSET - 5.0)
     known = replace(turned_whole(best), explained=(field,) * compass)
-    departed = departures(other, known, Limits())
-    assert [d.quantity for d in departed] == ["heading"] * (compass and after > before)
+    deviations = estimator_deviations(other, known, Limits())
+    assert [d.quantity for d in deviations] == ["heading"] * (compass and after > before)
 
 
-@pytest.mark.parametrize(("rise_s", "departs"), [(0.05, True), (4.0, False)], ids=["in a step", "little by little"])
+@pytest.mark.parametrize(("rise_s", "deviates"), [(0.05, True), (4.0, False)], ids=["in a step", "little by little"])
 def test_what_begins_with_a_step_need_not_last(
-    flight: Flight, best: BestEstimate, rise_s: float, departs: bool
+    flight: Flight, best: BestEstimate, rise_s: float, deviates: bool
 ) -> None:
     """A live verdict cannot wait; what an estimator mends by itself grows and goes."""
     attitude = flight.require_attitude()
     gone = np.clip((ONSET + 2.5 - attitude.t) / rise_s, 0.0, 1.0)
     angle = 20.0 * np.clip((attitude.t - ONSET) / rise_s, 0.0, 1.0) * gone
     for_a_while = turned(flight, np.radians(angle)[:, None] * DOWN)
-    assert [d.quantity for d in departures(for_a_while, best, Limits())] == ["heading"] * departs
+    assert [d.quantity for d in estimator_deviations(for_a_while, best, Limits())] == ["heading"] * deviates
 
 
 def test_a_step_is_one_though_a_keyframe_lies_within_it(flight: Flight, best: BestEstimate) -> None:
@@ -188,30 +195,32 @@ def test_a_step_is_one_though_a_keyframe_lies_within_it(flight: Flight, best: Be
     times = [before, within, after, after + 2.0, after + 2.2]
     angle = np.radians(np.interp(attitude.t, times, [0.0, 8.0, 14.0, 14.0, 0.0]))
     other = turned(flight, angle[:, None] * DOWN)
-    assert [d.quantity for d in departures(other, best, Limits())] == ["heading"]
+    assert [d.quantity for d in estimator_deviations(other, best, Limits())] == ["heading"]
 
 
-@pytest.mark.parametrize(("sigma", "departs"), [(0.0, True), (3.0, False)], ids=["known", "known to 3°"])
+@pytest.mark.parametrize(("sigma", "deviates"), [(0.0, True), (3.0, False)], ids=["known", "known to 3°"])
 def test_a_tilt_departs_by_more_than_it_is_known(
-    flight: Flight, best: BestEstimate, sigma: float, departs: bool
+    flight: Flight, best: BestEstimate, sigma: float, deviates: bool
 ) -> None:
     lean = np.radians(6.0) * (flight.require_attitude().t >= ONSET)
     other = turned(flight, lean[:, None] * [1.0, 0.0, 0.0])
     known = best.covariance.copy()
     known[:, :2, :2] += np.radians(sigma) ** 2 * np.eye(2)
-    assert [d.quantity for d in departures(other, replace(best, covariance=known), Limits())] == ["tilt"] * departs
+    assert [d.quantity for d in estimator_deviations(other, replace(best, covariance=known), Limits())] == [
+        "tilt"
+    ] * deviates
 
 
-@pytest.mark.parametrize(("speed", "departs"), [(0.0, True), (60.0, False)], ids=["standing", "at 60 m/s"])
+@pytest.mark.parametrize(("speed", "deviates"), [(0.0, True), (60.0, False)], ids=["standing", "at 60 m/s"])
 def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
-    flight: Flight, best: BestEstimate, speed: float, departs: bool
+    flight: Flight, best: BestEstimate, speed: float, deviates: bool
 ) -> None:
     """Each estimator assumes one latency of its GPS: they need not assume the same."""
     flown_s = (best.t - best.t[0])[:, None]
     swift = moving(best, speed * NORTH, speed * flown_s * NORTH)
     off = 8.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position + off, swift.velocity))
-    assert [d.quantity for d in departures(other, swift, Limits())] == ["position"] * departs
+    assert [d.quantity for d in estimator_deviations(other, swift, Limits())] == ["position"] * deviates
 
 
 @pytest.mark.parametrize(
@@ -224,24 +233,26 @@ def test_an_autopilot_is_not_accused_of_what_a_receiver_in_order_does(
     """The best estimate follows a GPS that shifts by some metres, the autopilot need not: which is right none knows."""
     off = metres * np.clip((best.t - ONSET) / within_s, 0.0, 1.0)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
-    found = [f.side for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "position_off"]
+    found = [
+        f.side for f in findings_of((), estimator_deviations(other, best, Limits()), best) if f.kind == "position_off"
+    ]
     assert found == ([] if side is None else [side])
 
 
 @pytest.mark.parametrize("until", [40.0, np.inf], ids=["recovers", "stays"])
 def test_an_estimate_that_is_off_from_the_beginning_is_told(flight: Flight, best: BestEstimate, until: float) -> None:
     other = turned(flight, np.radians(40.0) * (flight.require_attitude().t < until)[:, None] * DOWN)
-    found = [f for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "heading_off"]
+    found = [f for f in findings_of((), estimator_deviations(other, best, Limits()), best) if f.kind == "heading_off"]
     assert found[0].side == "autopilot"
 
 
-def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best: BestEstimate) -> None:
+def test_an_imu_that_is_known_to_sit_askew_is_no_deviation(flight: Flight, best: BestEstimate) -> None:
     tilted = (np.radians(4.0), np.radians(-2.0))
     attitude = flight.require_attitude()
     askew = quaternion.multiply(attitude.q_ned_frd, quaternion.exp(-np.array([*tilted, 0.0])))
     other = replace(flight, attitude=replace(attitude, q_ned_frd=askew))
-    assert {d.quantity for d in departures(other, best, Limits())} == {"tilt"}
-    assert departures(other, best, Limits(), tilted) == ()
+    assert {d.quantity for d in estimator_deviations(other, best, Limits())} == {"tilt"}
+    assert estimator_deviations(other, best, Limits(), tilted) == ()
 
 
 def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Rival, ...]:
@@ -262,7 +273,7 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str
 ) -> None:
     """And what would tell is what such a log lacks."""
-    found = departures(headed(flight, 40.0), best, Limits())
+    found = estimator_deviations(headed(flight, 40.0), best, Limits())
     (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
     assert (finding.side, finding.severity) == ("data", "warning")
     assert said in finding.evidence
@@ -275,7 +286,7 @@ def test_what_moves_no_gps_does_not_explain_a_position(flight: Flight, best: Bes
     off = 30.0 * np.clip((best.t - ONSET) / 10.0, 0.0, 1.0)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
     doubted = replace(best, further=perhaps(kind))
-    (finding,) = findings_of((), departures(other, best, Limits()), doubted)
+    (finding,) = findings_of((), estimator_deviations(other, best, Limits()), doubted)
     assert (finding.kind, finding.side) == ("position_off", "autopilot")
 
 
@@ -285,7 +296,7 @@ def test_what_is_far_less_likely_than_nothing_excuses_no_autopilot(
 ) -> None:
     """What parts in order show as well is often there, and misleads nobody."""
     unlikely = replace(best, further=perhaps("accel_bias", log_odds, fault))
-    (finding,) = findings_of((), departures(headed(flight, 40.0), best, Limits()), unlikely)
+    (finding,) = findings_of((), estimator_deviations(headed(flight, 40.0), best, Limits()), unlikely)
     assert (finding.kind, finding.side) == ("heading_off", "autopilot")
 
 
@@ -300,7 +311,7 @@ def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, b
         q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
         imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * DOWN))
     third = replace(best, imu=imu)
-    found = departures(other, third, Limits())
+    found = estimator_deviations(other, third, Limits())
     assert {(d.quantity, d.as_the_imu) for d in found} == {("heading", felt)}
     (finding,) = findings_of((), found, third)
     assert finding.side == ("data" if felt else "autopilot")
@@ -319,7 +330,7 @@ def test_an_estimate_that_speeds_up_as_the_accelerometer_says_is_not_accused(
         q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
         imu = replace(imu, accel=imu.accel + during[:, None] * quaternion.rotate(quaternion.conjugate(q), north))
     third = replace(best, imu=imu)
-    found = departures(replace(flight, position=track), third, Limits())
+    found = estimator_deviations(replace(flight, position=track), third, Limits())
     assert {(d.quantity, d.as_the_imu) for d in found} == {("velocity", felt)}
     assert [f.side for f in findings_of((), found, third)] == ["data" if felt else "autopilot"]
 
@@ -330,40 +341,42 @@ def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
     return replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
 
 
-@pytest.mark.parametrize(("metres", "departs"), [(12.0, True), (8.0, False)])
-def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, departs: bool) -> None:
-    found = departures(raised(flight, best, metres), best, Limits())
-    assert [d.quantity for d in found] == ["height"] * departs
-    if departs:
+@pytest.mark.parametrize(("metres", "deviates"), [(12.0, True), (8.0, False)])
+def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, deviates: bool) -> None:
+    found = estimator_deviations(raised(flight, best, metres), best, Limits())
+    assert [d.quantity for d in found] == ["height"] * deviates
+    if deviates:
         assert found[0].start == pytest.approx(ONSET, abs=1.0)
         assert found[0].size == pytest.approx(metres, abs=1.0)
 
 
-@pytest.mark.parametrize(("pull", "departs"), [(0.0, True), (20.0, False)], ids=["even", "at 20 m/s²"])
+@pytest.mark.parametrize(("pull", "deviates"), [(0.0, True), (20.0, False)], ids=["even", "at 20 m/s²"])
 def test_a_velocity_may_be_off_by_what_a_late_gps_makes_of_the_pull(
-    flight: Flight, best: BestEstimate, pull: float, departs: bool
+    flight: Flight, best: BestEstimate, pull: float, deviates: bool
 ) -> None:
     flown_s = (best.t - best.t[0])[:, None]
     swift = moving(best, pull * flown_s * NORTH, 0.5 * pull * flown_s**2 * NORTH)
     off = 2.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position, swift.velocity + off))
-    assert [d.quantity for d in departures(other, swift, Limits())] == ["velocity"] * departs
+    assert [d.quantity for d in estimator_deviations(other, swift, Limits())] == ["velocity"] * deviates
 
 
 def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(accepted("barometer", 12.0),))
-    (finding,) = findings_of(episodes(faulty), departures(raised(flight, faulty, 12.0), faulty, Limits()), faulty)
+    (finding,) = findings_of(
+        fault_intervals(faulty), estimator_deviations(raised(flight, faulty, 12.0), faulty, Limits()), faulty
+    )
     assert (finding.kind, finding.side, finding.severity) == ("barometer", "autopilot", "error")
-    (heading,) = (d for d in departures(headed(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
-    assert not follows(heading, episodes(faulty)[0], faulty)
-    (far,) = departures(raised(flight, faulty, 60.0), faulty, Limits())
-    assert not follows(far, episodes(faulty)[0], faulty)
+    (heading,) = (d for d in estimator_deviations(headed(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
+    assert not follows(heading, fault_intervals(faulty)[0], faulty)
+    (far,) = estimator_deviations(raised(flight, faulty, 60.0), faulty, Limits())
+    assert not follows(far, fault_intervals(faulty)[0], faulty)
 
 
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
-    found = departures(headed(flight, 40.0), faulty, Limits())
-    (finding,) = findings_of(episodes(faulty), found, faulty)
+    found = estimator_deviations(headed(flight, 40.0), faulty, Limits())
+    (finding,) = findings_of(fault_intervals(faulty), found, faulty)
     assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
     assert finding.cause is not None
     assert any("heading" in one for one in finding.cause.consequences)
@@ -387,32 +400,34 @@ def test_where_the_imu_fits_with_far_more_noise_than_it_shows_no_other_sensor_is
 ) -> None:
     noisy = replace(best.noise, accel_noise=1e3 * best.scatter[1], gyro_noise=1e3 * best.scatter[0])
     doubted = replace(best, noise=noisy, explained=(accepted("gps_motion", 30.0, 0.0),))
-    (finding,) = findings_of(episodes(doubted), departures(headed(flight, 40.0), doubted, Limits()), doubted)
+    (finding,) = findings_of(
+        fault_intervals(doubted), estimator_deviations(headed(flight, 40.0), doubted, Limits()), doubted
+    )
     assert (finding.kind, finding.side) == ("gps_motion", "data")
 
 
 def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
     begin = float(best.t[0])
     early = replace(best, explained=(step(begin + 1.0, np.inf, 0.05),))
-    (finding,) = findings_of(episodes(early), (), early)
+    (finding,) = findings_of(fault_intervals(early), (), early)
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", False)
     assert "from the beginning on" in finding.evidence
-    harmed = departures(headed(flight, 40.0), early, Limits())
-    (finding,) = findings_of(episodes(early), harmed, early)
+    harmed = estimator_deviations(headed(flight, 40.0), early, Limits())
+    (finding,) = findings_of(fault_intervals(early), harmed, early)
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
     for sigma, side in ((1.0, "imu"), (4.0, "data")):  # as a scale, which shows only from the launch on
         launched = replace(step(begin + 8.0, np.inf, 0.05), onset_sigma=sigma)
         late = replace(best, explained=(launched,))
-        assert [one.side for one in findings_of(episodes(late), (), late)] == [side]
+        assert [one.side for one in findings_of(fault_intervals(late), (), late)] == [side]
 
 
 @pytest.mark.parametrize(("jumps", "sudden", "side"), [(0, True, "data"), (1, False, "data"), (1, True, "autopilot")])
-def test_a_departure_that_begins_with_a_jump_of_the_autopilots_own_is_the_autopilots(
+def test_a_deviation_that_begins_with_a_jump_of_the_autopilots_own_is_the_autopilots(
     best: BestEstimate, jumps: int, sudden: bool, side: str
 ) -> None:
     """However uncertain its size; but an estimate that jumps to another lane's and back has gone nowhere."""
     jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look")
-    away = Departure("position", ONSET - 1.0, ONSET + 5.0, 7.0, 1.9, sudden=sudden)
+    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 7.0, 1.9, sudden=sudden)
     (told,) = findings_of((), (away,), best, [jump] * jumps)
     assert told.side == side
     assert ("it cannot be told" in told.evidence) == (side == "data")
@@ -422,11 +437,11 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
     noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
     jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look")
-    away = Departure("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0, sudden=True)
+    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0, sudden=True)
     (told,) = findings_of((), (away,), noisy, [jump])
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence
-    before = Departure("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, as_the_imu=True)
+    before = EstimatorDeviation("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, as_the_imu=True)
     assert [one.side for one in findings_of((), (before, away), best, [jump])] == ["data", "data"]
 
 
@@ -443,18 +458,18 @@ def test_a_gyro_that_cones_by_as_much_accuses_nobody_where_its_low_pass_hides_so
         [np.cos(omega * track.t), np.sin(omega * track.t), 0.0 * track.t]
     )
     shaken = replace(best, imu=replace(track, gyro=track.gyro + coned, gyro_low_pass_hz=corner_hz))
-    (told,) = findings_of(episodes(replace(shaken, explained=(step(ONSET, np.inf, size),))), (), shaken)
+    (told,) = findings_of(fault_intervals(replace(shaken, explained=(step(ONSET, np.inf, size),))), (), shaken)
     assert told.side == side
     assert ("what its low-pass hides" in told.evidence) == (side == "data")
 
 
 @pytest.mark.parametrize(("begun", "misled"), [(ONSET, 1), (ONSET - 12.0, 0)], ids=["with it", "before"])
-def test_a_departure_follows_what_begins_with_it_before_what_was_there_already(
+def test_a_deviation_follows_what_begins_with_it_before_what_was_there_already(
     flight: Flight, best: BestEstimate, begun: float, misled: int
 ) -> None:
     both = (step(ONSET - 20.0, np.inf, 0.05), accepted("compass_field", 0.0, 20.0, onset=begun))
-    departed = departures(headed(flight, 40.0), best, Limits())
-    findings = findings_of(episodes(replace(best, explained=both)), departed, best)
+    deviations = estimator_deviations(headed(flight, 40.0), best, Limits())
+    findings = findings_of(fault_intervals(replace(best, explained=both)), deviations, best)
     assert ["the autopilot was misled by it" in f.evidence for f in findings] == [not misled, bool(misled)]
 
 
@@ -464,16 +479,16 @@ def test_a_fast_vehicle_is_where_a_gps_of_another_latency_would_have_it(flight: 
     moved = best.position + (best.t >= ONSET)[:, None] * [7.0, 0.0, 0.0]
     track = PositionTrack(best.t, moved, best.velocity, "LOCAL_POSITION_NED")
     swift = replace(track, velocity=best.velocity + wind)
-    assert [d.quantity for d in departures(replace(flight, position=track), best, Limits())] == ["position"]
-    assert departures(replace(flight, position=swift), fast, Limits()) == ()
+    assert [d.quantity for d in estimator_deviations(replace(flight, position=track), best, Limits())] == ["position"]
+    assert estimator_deviations(replace(flight, position=swift), fast, Limits()) == ()
 
 
-def test_steps_that_cancel_are_one_episode(best: BestEstimate) -> None:
-    (one,) = episodes(replace(best, explained=(step(20.0, np.inf, 0.02), step(40.0, np.inf, -0.02))))
+def test_steps_that_cancel_are_one_fault_interval(best: BestEstimate) -> None:
+    (one,) = fault_intervals(replace(best, explained=(step(20.0, np.inf, 0.02), step(40.0, np.inf, -0.02))))
     assert one.start == 20.0
     assert one.end == pytest.approx(40.0, abs=0.2)
     assert one.size == pytest.approx([0.0, 0.0, 0.02])
-    (same,) = episodes(replace(best, explained=(step(20.0, 40.0, 0.02),)))
+    (same,) = fault_intervals(replace(best, explained=(step(20.0, 40.0, 0.02),)))
     assert same.start == 20.0
     assert same.end == pytest.approx(40.0, abs=0.2)
 
@@ -486,10 +501,10 @@ def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
     apart = np.eye(3) * 0.02**2
     together = np.block([[apart, 1e-6 * np.eye(3) - apart], [1e-6 * np.eye(3) - apart, apart]])
     known = replace(best, explained=tuple(halves), explained_covariance=together)
-    (one,) = episodes(known)
+    (one,) = fault_intervals(known)
     assert one.size == pytest.approx([0.0, 0.0, 0.016])
     assert one.sigma == pytest.approx(np.sqrt(2e-6))
-    (one,) = episodes(replace(known, explained_covariance=0.02**2 * np.eye(6)))
+    (one,) = fault_intervals(replace(known, explained_covariance=0.02**2 * np.eye(6)))
     assert one.sigma == pytest.approx(np.sqrt(2.0) * 0.02)
 
 
@@ -499,32 +514,32 @@ def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> 
     back = replace(step(ONSET + 0.3, np.inf, 0.003), place=slice(3, 6))
     apart = np.eye(3) * 0.014**2
     together = np.block([[apart, 1e-6 * np.eye(3) - apart], [1e-6 * np.eye(3) - apart, apart]])
-    (one,) = episodes(replace(best, explained=(first, back), explained_covariance=together))
+    (one,) = fault_intervals(replace(best, explained=(first, back), explained_covariance=together))
     assert one.size == pytest.approx([0.0, 0.0, -0.017])
     assert one.start == ONSET
     assert one.sigma == pytest.approx(np.sqrt(2e-6))
 
 
 def test_nothing_follows_what_came_later_or_cannot_mislead(best: BestEstimate) -> None:
-    early = Departure("heading", 10.0, 20.0, 0.5, 0.05)
+    early = EstimatorDeviation("heading", 10.0, 20.0, 0.5, 0.05)
 
-    def episode(kind: str, witness: str, start: float) -> Episode:
-        return Episode(kind, witness, start, 0.1, np.inf, np.ones(3), 0.1, ())
+    def interval(kind: str, side: str, start: float) -> FaultInterval:
+        return FaultInterval(kind, side, start, 0.1, np.inf, np.ones(3), 0.1, ())
 
-    assert follows(early, episode("gyro_bias", "imu", 9.0), best)
-    assert not follows(early, episode("gyro_bias", "imu", 30.0), best)
-    assert not follows(early, episode("barometer", "barometer", 9.0), best)
-    assert not follows(early, episode("gps_height", "gps", 9.0), best)
+    assert follows(early, interval("gyro_bias", "imu", 9.0), best)
+    assert not follows(early, interval("gyro_bias", "imu", 30.0), best)
+    assert not follows(early, interval("barometer", "barometer", 9.0), best)
+    assert not follows(early, interval("gps_height", "gps", 9.0), best)
 
 
 def test_a_heading_does_not_follow_a_field_that_only_grows(best: BestEstimate) -> None:
     """Along the field that is there a compass points where it did: it has turned nothing that would mislead."""
     level = best.states.constant("earth_field")[:2]
     level = level / np.linalg.norm(level)
-    off = Departure("heading", 10.0, 20.0, 0.5, 0.05)
+    off = EstimatorDeviation("heading", 10.0, 20.0, 0.5, 0.05)
 
-    def field(along: Array) -> Episode:
-        return Episode("compass_field", "compass", 9.0, 0.1, np.inf, 12.0 * along, 0.5, ())
+    def field(along: Array) -> FaultInterval:
+        return FaultInterval("compass_field", "compass", 9.0, 0.1, np.inf, 12.0 * along, 0.5, ())
 
     assert not follows(off, field(level), best)
     assert follows(off, field(np.array([-level[1], level[0]])), best)
@@ -554,25 +569,25 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     """As a heading grows: about down."""
     field = best.states.constant("earth_field")
     change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
-    episode = Episode("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, ())
-    assert said(episode, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
-    cause = cause_of(episode, best, "autopilot", ())
+    interval = FaultInterval("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, ())
+    assert said(interval, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
+    cause = cause_of(interval, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"
 
 
-def weighed(kind: str, size: Array, *rivals: tuple[str, float, float]) -> Episode:
+def weighed(kind: str, size: Array, *rivals: tuple[str, float, float]) -> FaultInterval:
     """Of a minute's middle; rivals: kind, weight beside a nothing of 1e-6, probability that it is harmful."""
     odds = (Rival(name, "step", float(np.log(1e6 * weight)), fault) for name, weight, fault in rivals)
-    return Episode(kind, kind_of(kind).side, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
+    return FaultInterval(kind, kind_of(kind).side, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
 
 
 BIAS, AWAY = np.array([0.0, 0.0, 0.08]), np.array([30.0, 0.0])
 
 
 def test_a_side_is_accused_from_a_probability_of_95_percent_on(best: BestEstimate) -> None:
-    episode = weighed("gyro_bias", BIAS, ("gyro_bias", 0.96, 1.0), ("compass_field", 0.04, 1.0))
-    (finding,) = findings_of((episode,), (), best)
+    interval = weighed("gyro_bias", BIAS, ("gyro_bias", 0.96, 1.0), ("compass_field", 0.04, 1.0))
+    (finding,) = findings_of((interval,), (), best)
     assert (finding.side, finding.undecided) == ("imu", False)
     assert finding.evidence.startswith("gyro z bias 80.0")
     assert finding.evidence.endswith("(probability 96 %; next: compass field, 4 %)")
@@ -584,8 +599,8 @@ def test_a_side_is_accused_from_a_probability_of_95_percent_on(best: BestEstimat
 
 def test_below_that_it_says_so_first_and_what_would_tell(best: BestEstimate) -> None:
     """A reader who stops after the first words must not take a doubt for an accusation, nor act upon it."""
-    episode = weighed("gyro_bias", BIAS, ("gyro_bias", 0.94, 1.0), ("compass_field", 0.06, 1.0))
-    (finding,) = findings_of((episode,), (), best)
+    interval = weighed("gyro_bias", BIAS, ("gyro_bias", 0.94, 1.0), ("compass_field", 0.06, 1.0))
+    (finding,) = findings_of((interval,), (), best)
     assert (finding.side, finding.undecided, finding.cause) == ("data", True, None)
     assert finding.evidence.startswith("perhaps gyro z bias 80.0")
     assert finding.evidence.endswith("; cannot tell gyro bias from compass field (94 % / 6 %)")
@@ -613,7 +628,7 @@ def test_the_imu_the_other_sensors_and_nobody_are_told_apart(
     best: BestEstimate, kind: str, size: Array, rivals: tuple[tuple[str, float, float], ...], side: str
 ) -> None:
     """Which of the IMU's errors it is, or which sensor misled the autopilot, need not be known to say whose it is."""
-    misled = Departure("position", ONSET, ONSET + 20.0, 30.0, 1.0)
+    misled = EstimatorDeviation("position", ONSET, ONSET + 20.0, 30.0, 1.0)
     (finding,) = findings_of((weighed(kind, size, *rivals),), (misled,), best)
     assert (finding.kind, finding.side, finding.undecided) == (kind, side, side == "data")
 
@@ -632,8 +647,8 @@ def test_the_first_fault_of_a_flight_is_one_sides_or_nobodys(best: BestEstimate)
 def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     """However sure it is, and whatever it did."""
     moment = replace(accepted(kind, 9.0, 0.0, 0.0), shape="shock", rivals=(Rival(kind, "shock", 50.0, 0.0),))
-    misled = Departure("velocity", ONSET, ONSET + 20.0, 9.0, 0.1)
-    (finding,) = findings_of(episodes(replace(best, explained=(moment,))), (misled,), best)
+    misled = EstimatorDeviation("velocity", ONSET, ONSET + 20.0, 9.0, 0.1)
+    (finding,) = findings_of(fault_intervals(replace(best, explained=(moment,))), (misled,), best)
     assert (finding.kind, finding.side, finding.severity) == (kind, "data", "warning")
     assert "no sensor is blamed for a single moment" in finding.evidence
 

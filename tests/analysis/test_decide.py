@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.episode import Departure
+from companion.analysis.fault_interval import EstimatorDeviation
 from companion.analysis.finding import Cause, Finding, Side
 from companion.analysis.verdict import decide
 from companion.constants import num
@@ -118,15 +118,15 @@ def test_consistent_holds_at_every_horizon_that_has_many_windows() -> None:
 
 def test_an_error_of_the_estimator_is_the_likelier_the_further_it_is_off() -> None:
     """An estimator that is off by less than three σ may be in order; from five on it hardly is."""
-    shares = [Departure("tilt", 0.0, 9.0, size, 0.02).probability for size in np.linspace(0.0, 0.12, 50)]
+    shares = [EstimatorDeviation("tilt", 0.0, 9.0, size, 0.02).probability for size in np.linspace(0.0, 0.12, 50)]
     assert (np.diff(shares) > 0.0).all()
-    assert Departure("tilt", 0.0, 9.0, 0.06, 0.02).probability < ACCUSED
-    assert Departure("tilt", 0.0, 9.0, 0.10, 0.02).probability > ACCUSED
+    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.06, 0.02).probability < ACCUSED
+    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02).probability > ACCUSED
 
 
 @pytest.mark.parametrize("size", [0.05, 0.2])
 def test_the_autopilot_has_a_probability_beside_the_sensors(size: float) -> None:
-    off = Departure("tilt", 50.0, 60.0, size, 0.02)
+    off = EstimatorDeviation("tilt", 50.0, 60.0, size, 0.02)
     finding = replace(cause("tilt_off", "autopilot", 50.0, None, ""), cause=off.cause)
     sensors = {"imu": 0.04, "gps": 0.0, "compass": 0.06, "barometer": 0.0, "nobody": 0.9}
     shares = decide(agreements(5, {"attitude": 0.9}), (finding,), None, "RAW_IMU", sensors).probability

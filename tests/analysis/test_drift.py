@@ -10,7 +10,7 @@ import pytest
 import companion as c
 from companion.analysis import Integration, Limits, drift
 from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack, SettingsError
-from companion.strapdown import motions, quaternion, reckon
+from companion.strapdown import dead_reckon, motions, quaternion
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED
 
@@ -67,7 +67,7 @@ def test_one_pass_equals_integrating_every_window_by_itself() -> None:
     for anchor, end, position in zip(errors.anchor_s, errors.end_s, errors.position, strict=True):
         k, e = np.searchsorted(imu.t, [anchor, end])
         start = NavState(imu.t[k], motion.q_ned_frd[k], motion.velocity[k], motion.position[k])
-        alone = reckon(imu[k : e + 1], start, middle="linear")
+        alone = dead_reckon(imu[k : e + 1], start, middle="linear")
         assert position == pytest.approx(motion.position[e] - alone.position[-1], abs=1e-9)
 
 

@@ -660,7 +660,7 @@ def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_a
 
 
 @pytest.mark.parametrize("on_board", [False, True])
-def test_an_imu_without_the_estimators_biases_is_no_independent_witness(on_board: bool) -> None:
+def test_an_imu_without_the_estimators_biases_is_no_independent_sensor(on_board: bool) -> None:
     """On a link another message has them; an on-board log has nothing else where it has no better track."""
     flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
     freed = replace(flight, imus={"RAW_IMU": replace(flight.imu(), bias_removed=True)}, on_board=on_board)

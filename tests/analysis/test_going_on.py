@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import FreeRun, Replay, go_on, replay
+from companion.analysis import FreeRun, Replay, extend, replay
 from companion.analysis.integration import DEFAULT
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack
 from companion.strapdown import motions
@@ -42,7 +42,7 @@ BEFORE = replay(until(22.0), reanchor_s=5.0)
 
 
 def test_what_goes_on_is_what_a_replay_of_everything_shows() -> None:
-    found = go_on(BEFORE, *between(21.5, 22.6), DEFAULT)
+    found = extend(BEFORE, *between(21.5, 22.6), DEFAULT)
     assert found is not None
     whole = replay(until(22.6), reanchor_s=5.0)
     same = np.searchsorted(whole.t, found.replay.t)
@@ -55,7 +55,7 @@ def test_a_free_run_goes_on_likewise() -> None:
     run, other = FreeRun(), FreeRun()
     run.take(until(22.0).imu(), BEFORE)
     other.take(until(22.0).imu(), BEFORE)
-    found = go_on(BEFORE, *between(21.5, 22.6), DEFAULT)
+    found = extend(BEFORE, *between(21.5, 22.6), DEFAULT)
     assert found is not None
     carried = run.carry(found)
     taken = other.take(until(22.6).imu(), replay(until(22.6), reanchor_s=5.0))
@@ -81,13 +81,13 @@ def test_what_does_not_join_does_not_go_on() -> None:
         (BEFORE, (imu, attitude, between(21.0, 21.5)[2])),
     )
     for before, newest in cases:
-        assert go_on(before, *newest, DEFAULT) is None
+        assert extend(before, *newest, DEFAULT) is None
 
 
 def test_without_a_position_the_attitudes_go_on() -> None:
     before = replay(replace(until(22.0), position=None), reanchor_s=5.0)
     imu, attitude, _ = between(21.5, 22.6)
-    found = go_on(before, imu, attitude, None, DEFAULT)
+    found = extend(before, imu, attitude, None, DEFAULT)
     assert found is not None
     assert not found.replay.has_position
     assert found.replay.position_imu == pytest.approx(0.0)

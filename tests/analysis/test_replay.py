@@ -10,7 +10,7 @@ import pytest
 from companion.analysis import replay
 from companion.analysis.reference import length
 from companion.model import DataError, NavState, PositionTrack, SettingsError
-from companion.strapdown import motions, reckon
+from companion.strapdown import dead_reckon, motions
 from tests.flights import flight_of, seconds
 
 MOTION = motions.coning(seconds(35, 100))
@@ -22,7 +22,7 @@ def test_a_free_run_is_a_reckoning() -> None:
     shown = replay(BIASED, reanchor_s=None, start_s=12.0)
     k = int(np.searchsorted(MOTION.t, 12.0))
     start = NavState(MOTION.t[k], MOTION.q_ned_frd[k], MOTION.velocity[k], MOTION.position[k])
-    alone = reckon(BIASED.imu()[k:], start)
+    alone = dead_reckon(BIASED.imu()[k:], start)
     assert shown.anchors == pytest.approx([12.0])
     assert shown.t == pytest.approx(alone.t)
     assert shown.position_imu == pytest.approx(alone.position, abs=1e-9)

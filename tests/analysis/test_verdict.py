@@ -32,7 +32,7 @@ from tests.flights import (
     seconds,
     turned,
     with_imu,
-    without_witnesses,
+    without_aiding,
 )
 from tests.recordings import BUNDLED, ROOT, recording, shared, whole
 
@@ -218,9 +218,9 @@ def test_a_yaw_reset_is_the_autopilots() -> None:
     assert "imu_lag" not in [f.kind for f in found.verdict.findings]
 
 
-def test_without_witnesses_no_healthy_side_is_accused() -> None:
+def test_without_aiding_no_healthy_side_is_accused() -> None:
     """IMU and autopilot alone: it is one word against the other."""
-    flight = without_witnesses(flown())
+    flight = without_aiding(flown())
     assert assess(flight, GENERIC).verdict.status == "consistent"
     assert assess(misread(flight, gyro=(0.0, 0.03, 0.0)), GENERIC).verdict.status == "insufficient_data"
     for axis in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
@@ -231,7 +231,7 @@ def test_without_witnesses_no_healthy_side_is_accused() -> None:
 @pytest.mark.parametrize(("metres", "status"), [(12.0, "insufficient_data"), (4.0, "consistent")])
 def test_a_position_that_steps_without_gps_was_wrong_before_or_is_after(metres: float, status: str) -> None:
     """A reset accuses nobody; but one by more than healthy receivers differ by clears nobody either."""
-    flight = without_witnesses(flown())
+    flight = without_aiding(flown())
     position = flight.position
     assert position is not None
     moved = position.position + metres * (position.t > 40.0)[:, None] * np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Simulated flights with known truth, and every witness that the smoother hears as typed tracks."""
+"""Simulated flights with known truth, and every aiding sensor that the smoother hears as typed tracks."""
 
 from __future__ import annotations
 

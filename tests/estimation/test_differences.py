@@ -68,7 +68,7 @@ def test_two_imus_in_order_accuse_none() -> None:
     assert faults(smooth(beside(sibling(), sibling(instance=2)))) == []
 
 
-def test_a_parting_without_a_witness_names_both() -> None:
+def test_a_parting_without_an_aiding_sensor_names_both() -> None:
     """Without GPS and compass a gyro about the vertical is known by the other IMU alone."""
     best = smooth(replace(beside(sibling(gyro=step(0.0, 0.0, 0.02))), gps=(), compasses=()))
     one = max(best.explained, key=lambda e: float(np.linalg.norm(e.size)))

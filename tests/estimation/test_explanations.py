@@ -133,17 +133,17 @@ OFF: dict[str, Callable[[Flight, Array], Flight]] = {
 }
 
 
-@pytest.mark.parametrize("witness", OFF)
-def test_what_is_off_for_a_third_of_a_flight_is_not_its_noise(witness: str) -> None:
+@pytest.mark.parametrize("aiding", OFF)
+def test_what_is_off_for_a_third_of_a_flight_is_not_its_noise(aiding: str) -> None:
     """With a fix a second it would be: it scatters as little as ever, and by so much more than one in order."""
     flight, _ = sensed(60.0, fixes_hz=1.0)
     t = flight.gps[0].t
-    away = smooth(OFF[witness](flight, np.where((t > 22.0) & (t < 42.0), 1.0, 0.0)))
+    away = smooth(OFF[aiding](flight, np.where((t > 22.0) & (t < 42.0), 1.0, 0.0)))
     (one,) = away.explained
-    assert (one.kind, one.shape) == (witness, "pulse")
+    assert (one.kind, one.shape) == (aiding, "pulse")
     assert (one.onset, one.end) == pytest.approx((22.0, 42.0), abs=1.0)
-    assert np.linalg.norm(one.size) == pytest.approx(40.0 if witness == "gps_position" else 5.0, rel=0.05)
-    assert away.measurement_scale[witness] < 3.0
+    assert np.linalg.norm(one.size) == pytest.approx(40.0 if aiding == "gps_position" else 5.0, rel=0.05)
+    assert away.measurement_scale[aiding] < 3.0
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.5, False), (1.6, True)])

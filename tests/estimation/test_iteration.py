@@ -158,7 +158,7 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
 
 
 def test_what_is_likelier_by_noise_alone_is_a_factor_of_noise() -> None:
-    """Both sensors at half the noise, and the other witnesses as they were."""
+    """Both sensors at half the noise, and the other aiding sensors as they were."""
     linear: Any = SimpleNamespace(variance=np.ones((10, 15)), measurements=())
 
     def made_likely(part: float) -> float:

@@ -50,7 +50,7 @@ def derivative(function: Callable[[States], Array], states: States, x: Array, c:
     return (function(states.moved(x, c)) - function(states.moved(-x, -c))) / 2.0
 
 
-def test_every_witness_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> None:
+def test_every_aiding_sensor_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> None:
     assert {one.name for one in problem[0].readings} == set(UNITS)
 
 

@@ -1,4 +1,4 @@
-"""The best estimate of simulated flights whose truth is known, with every witness and without one."""
+"""The best estimate of simulated flights whose truth is known, with every aiding sensor and without one."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_the_biases_and_the_latency_are_recovered() -> None:
         assert np.abs(off) < max(4.0 * found.constants_sigma[latency], 0.01)
 
 
-def test_it_is_better_than_each_witness() -> None:
+def test_it_is_better_than_each_aiding_sensor() -> None:
     _, truth, found = estimated()
     error = errors(found, truth)
     assert np.percentile(np.linalg.norm(error[:, :2], axis=1), 95) < np.radians(0.2)
@@ -147,7 +147,7 @@ def test_a_plane_that_turns_and_turns_knows_how_late_its_gps_is() -> None:
     assert sigma > 0.03
 
 
-def test_the_autopilots_estimate_is_no_witness() -> None:
+def test_the_autopilots_estimate_aids_nothing() -> None:
     flight, _, found = estimated()
     other = smooth(replace(flight, attitude=None))
     np.testing.assert_allclose(other.position, found.position, atol=0.1 * float(found.sigma(POSITION).min()))

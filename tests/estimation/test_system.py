@@ -44,7 +44,7 @@ def problem() -> tuple[Motion, tuple[Measurement, ...], Prior]:
     )
     keyframe = np.array([0, 2, 3, 5], dtype=np.intp)
     measurement = Measurement(
-        "witness",
+        "aiding sensor",
         np.arange(4.0),
         keyframe,
         rng.normal(size=(4, 3)),

@@ -299,7 +299,7 @@ def test_what_the_dialect_lacks_is_not_asked_for() -> None:
 
 
 def test_all_that_the_analysis_reads_of_a_healthy_vehicle_is_asked_for() -> None:
-    """Its witnesses: GPS, compass (in the IMU's messages), barometer, IMUs, vibration and the estimator's own state."""
+    """Its aiding sensors: GPS, compass (in the IMU's messages), barometer, IMUs, vibration, the estimator's state."""
     for autopilot, own in (("ARDUPILOTMEGA", "EKF_STATUS_REPORT"), ("PX4", "ESTIMATOR_STATUS")):
         wanted = desired_from(autopilot)
         needed = {"GPS_RAW_INT", "GPS2_RAW", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "VIBRATION", own}

@@ -14,13 +14,13 @@ from companion.strapdown import (
     ImuModel,
     Propagation,
     Sensor,
+    dead_reckon,
     error_sums,
     joined,
     motions,
     preintegrate,
     propagate,
     quaternion,
-    reckon,
     simulate,
 )
 from companion.strapdown.motions import Motion
@@ -55,7 +55,7 @@ def end_state(trajectory: Trajectory, row: int) -> NavState:
 
 
 def reach_end(imu: ImuTrack, start: NavState, gravity: float = STANDARD_GRAVITY) -> NavState:
-    return end_state(reckon(imu, start, gravity=gravity), E - K)
+    return end_state(dead_reckon(imu, start, gravity=gravity), E - K)
 
 
 def assert_close(found: Array, numerical: Array, rtol: float = 2e-4) -> None:
@@ -223,14 +223,14 @@ def test_simulated_sensors_drift_as_predicted(middle: str) -> None:
     rng = np.random.default_rng(11)
     ends = [rate, 10 * rate, 60 * rate]
     errors = np.empty((3, runs, 9))
-    exact = reckon(motion.imu, motion.start, middle=middle)  # leaves the integrator's own error out
+    exact = dead_reckon(motion.imu, motion.start, middle=middle)  # leaves the integrator's own error out
     for run in range(runs):
         own = [rng.normal(0, sigma, 3) for sigma in bias]
         model = ImuModel(
             Sensor(noise_density=figures["gyro_noise"], bias_walk=figures["gyro_walk"], bias=own[0]),
             Sensor(noise_density=figures["accel_noise"], bias_walk=figures["accel_walk"], bias=own[1]),
         )
-        estimate = reckon(simulate(motion.imu, model, rng), motion.start, middle=middle)
+        estimate = dead_reckon(simulate(motion.imu, model, rng), motion.start, middle=middle)
         for i, end in enumerate(ends):
             errors[i, run] = error(end_state(exact, end), end_state(estimate, end))
     start = np.diag(np.repeat([0.0, 0.0, 0.0, *bias], 3) ** 2)

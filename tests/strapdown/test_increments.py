@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from companion.model import Array, DataError, ImuTrack, SettingsError
-from companion.strapdown import METHODS, MIDDLES, attitude_at, dense_attitude, increments, motions, quaternion, reckon
+from companion.strapdown import (
+    METHODS,
+    MIDDLES,
+    attitude_at,
+    dead_reckon,
+    dense_attitude,
+    increments,
+    motions,
+    quaternion,
+)
 
 RNG = np.random.default_rng(1)
 
@@ -56,7 +65,7 @@ def test_seed_001_in_its_own_convention() -> None:
 @pytest.mark.parametrize("segments", [1, 3])
 def test_dense_attitude_ends_at_the_next_sample(middle: str, segments: int) -> None:
     motion = motions.coning(np.linspace(0, 2, 101))
-    path = reckon(motion.imu, motion.start, middle=middle, segments=segments).q_ned_frd
+    path = dead_reckon(motion.imu, motion.start, middle=middle, segments=segments).q_ned_frd
     dense = dense_attitude(motion.imu, path, np.array([0.0, 1.0]), middle=middle, segments=segments)
     np.testing.assert_allclose(dense[:, 0], path[:-1], atol=1e-14)
     np.testing.assert_allclose(dense[:, 1], path[1:], atol=1e-14)

@@ -11,7 +11,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from companion.model import Array, ImuTrack, Trajectory
-from companion.strapdown import Reckoner, increments, motions, preintegrate, propagate, quaternion, reckon
+from companion.strapdown import DeadReckoner, dead_reckon, increments, motions, preintegrate, propagate, quaternion
 from companion.strapdown.motions import Motion
 
 RNG = np.random.default_rng(11)
@@ -48,8 +48,8 @@ def test_coning_comes_out_at_order_four_at_the_middles_of_the_intervals(segments
     for n in (200, 400, 800):
         imu = integrals(motions.coning, np.linspace(0.0, 4.0, n + 1))
         motion = motions.coning(imu.t)
-        found.append(errors(reckon(imu, motion.start, segments=segments), motion))
-        as_readings.append(errors(reckon(replace(imu, interval=None), motion.start, segments=segments), motion))
+        found.append(errors(dead_reckon(imu, motion.start, segments=segments), motion))
+        as_readings.append(errors(dead_reckon(replace(imu, interval=None), motion.start, segments=segments), motion))
     orders = np.log2(np.array(found[:-1]) / np.array(found[1:]))
     assert (orders > 3.9).all()
     assert (np.log2(np.array(as_readings[:-1]) / np.array(as_readings[1:])) < 2.1).all()
@@ -61,7 +61,7 @@ def test_intervals_of_unequal_length_keep_order_three() -> None:
     for n in (400, 800, 1600):
         imu = integrals(motions.coning, uneven_edges(n, 4.0))
         motion = motions.coning(imu.t)
-        found.append(errors(reckon(imu, motion.start), motion))
+        found.append(errors(dead_reckon(imu, motion.start), motion))
     assert (np.log2(found[0] / found[2]) / 2 > 2.9).all()
 
 
@@ -94,7 +94,7 @@ def test_a_small_gap_or_overlap_of_the_clock_is_bridged() -> None:
     imu = integrals(motions.coning, np.linspace(0.0, 4.0, 401))
     stepped = replace(imu, t=np.round(imu.t, 3) + 1e-9 * np.arange(400))
     motion = motions.coning(imu.t)
-    attitude, velocity, _ = errors(reckon(stepped, replace(motion.start, t=float(stepped.t[0]))), motion)
+    attitude, velocity, _ = errors(dead_reckon(stepped, replace(motion.start, t=float(stepped.t[0]))), motion)
     assert attitude < 5e-3
     assert velocity < 5e-2
 
@@ -117,7 +117,7 @@ def test_a_lost_sample_is_crossed_on_the_curve() -> None:
     kept = np.delete(np.arange(800), [100, 101, 400])
     lossy = replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept], interval=np.full(797, 0.005))
     motion = motions.coning(lossy.t)
-    attitude, velocity, position = errors(reckon(lossy, motion.start), motion)
+    attitude, velocity, position = errors(dead_reckon(lossy, motion.start), motion)
     assert attitude < 2e-4
     assert velocity < 2e-3
     assert position < 8e-3
@@ -130,10 +130,10 @@ def test_any_cutting_gives_the_batch(method: str) -> None:
     assert imu.interval is not None
     imu = replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept], interval=imu.interval[kept])
     start = motions.coning(imu.t).start
-    batch = reckon(imu, start, method=method)
+    batch = dead_reckon(imu, start, method=method)
     for cuts in ([0, *range(4, 596)], [0, 5, 49, 51, 298, 595], sorted({0, 595, *RNG.integers(4, 595, 60).tolist()})):
-        reckoner = Reckoner(start, method=method)
-        answers = [reckoner.push(imu[a:b]) for a, b in itertools.pairwise(cuts)] + [reckoner.finish()]
+        dead_reckoner = DeadReckoner(start, method=method)
+        answers = [dead_reckoner.push(imu[a:b]) for a, b in itertools.pairwise(cuts)] + [dead_reckoner.finish()]
         q, v = (np.concatenate([getattr(a, name) for a in answers]) for name in ("q_ned_frd", "velocity"))
         np.testing.assert_allclose(q, batch.q_ned_frd, atol=1e-12)
         np.testing.assert_allclose(v, batch.velocity, atol=1e-10)
@@ -143,7 +143,7 @@ def test_any_cutting_gives_the_batch(method: str) -> None:
 def test_short_tracks(n: int, worst: float) -> None:
     imu = integrals(motions.spin, np.linspace(0.0, 0.01 * n, n + 1))
     motion = motions.spin(imu.t)
-    assert errors(reckon(imu, motion.start), motion).max() < worst
+    assert errors(dead_reckon(imu, motion.start), motion).max() < worst
 
 
 def test_what_starts_from_a_pass_over_the_track_works_with_it() -> None:

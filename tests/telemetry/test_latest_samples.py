@@ -29,7 +29,7 @@ def test_they_are_those_of_the_whole_flight() -> None:
     (flight,) = stream.recent(5.0)
     begun = stream.newest
     hear(stream, vehicle, 8.7)
-    newest = stream.go_on(flight, "RAW_IMU", begun - 0.6)
+    newest = stream.extend(flight, "RAW_IMU", begun - 0.6)
     (now,) = stream.recent(5.0)
     assert newest is not None
     assert newest.position is not None
@@ -52,14 +52,14 @@ def test_after_a_reboot_the_whole_has_to_be_looked_at() -> None:
     begun = stream.newest
     vehicle.reboot()
     hear(stream, vehicle, 8.7)
-    assert stream.go_on(flight, "RAW_IMU", begun - 0.6) is None
+    assert stream.extend(flight, "RAW_IMU", begun - 0.6) is None
 
 
 def test_a_position_on_the_globe_is_seen_from_its_beginning_alone() -> None:
     stream, _ = heard(8.0, {"RAW_IMU": 100.0, "ATTITUDE": 50.0, "GLOBAL_POSITION_INT": 10.0})
     (flight,) = stream.recent(5.0)
     assert flight.position is not None
-    assert stream.go_on(flight, "RAW_IMU", stream.newest - 1.0) is None
+    assert stream.extend(flight, "RAW_IMU", stream.newest - 1.0) is None
 
 
 @pytest.mark.parametrize("silent", ["RAW_IMU", "ATTITUDE"])
@@ -68,4 +68,4 @@ def test_a_message_that_says_nothing_ends_it(silent: str) -> None:
     (flight,) = stream.recent(5.0)
     since = stream.newest - 1.0
     other, _ = heard(8.0, {name: rate for name, rate in STREAMS.items() if name != silent}, faults=Faults())
-    assert other.go_on(flight, "RAW_IMU", since) is None
+    assert other.extend(flight, "RAW_IMU", since) is None

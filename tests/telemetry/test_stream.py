@@ -18,7 +18,7 @@ from companion.mavlink import load_dialect, together
 from companion.mavlink.frames import Decoder
 from companion.model import Flight, NavState
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
-from companion.strapdown import Reckoner
+from companion.strapdown import DeadReckoner
 from companion.telemetry import Stream
 from tests.recordings import BUNDLED, recording
 
@@ -173,8 +173,8 @@ def test_a_live_reckoning_is_that_of_the_whole_log(tmp_path: Path) -> None:
     (whole,) = c.open_log(path)
     imu = whole.imu("RAW_IMU")
     start = NavState(float(imu.t[0]), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
-    expected = c.reckon(imu, start)
-    stream, reckoner, last = Stream(stamped=True, window_s=8.0), Reckoner(start), -1.0
+    expected = c.dead_reckon(imu, start)
+    stream, dead_reckoner, last = Stream(stamped=True, window_s=8.0), DeadReckoner(start), -1.0
     for piece in pieces(path.read_bytes(), random_sizes(4, 6000)):
         stream.push(piece)
         for flight in stream.recent(3.0):
@@ -182,10 +182,10 @@ def test_a_live_reckoning_is_that_of_the_whole_log(tmp_path: Path) -> None:
                 track = flight.imus["RAW_IMU"]
                 new = track[int(np.searchsorted(track.t, last, side="right")) :]
                 if len(new):
-                    reckoner.push(new)
+                    dead_reckoner.push(new)
                     last = float(new.t[-1])
-    reckoner.finish()
-    np.testing.assert_allclose(reckoner.state.position, expected.position[-1], atol=1e-9)
+    dead_reckoner.finish()
+    np.testing.assert_allclose(dead_reckoner.state.position, expected.position[-1], atol=1e-9)
 
 
 def test_what_was_recorded_is_what_was_live(tmp_path: Path) -> None:

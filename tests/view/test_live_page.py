@@ -73,7 +73,7 @@ def both_drawn(page: Page) -> bool:
     return all(near(picture, colour) > 40 for colour in ((230, 97, 1), (0, 114, 178)))
 
 
-def reckon_otherwise(page: Page) -> None:
+def dead_reckon_otherwise(page: Page) -> None:
     """From another IMU, by another integrator, and back again."""
     choose(page, "IMU", "SCALED_IMU2")
     expect(page.get_by_text("vehicle 1:1, boot 1, SCALED_IMU2")).to_be_visible()
@@ -135,7 +135,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             page.get_by_role("button", name="Live", exact=True).click()
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
 
-            reckon_otherwise(page)
+            dead_reckon_otherwise(page)
             anchor_now(page)
             page.get_by_role("button", name="Free run").click()
 

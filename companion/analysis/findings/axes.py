@@ -9,7 +9,7 @@ from itertools import permutations, product
 import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray
-from companion.analysis.episode import SENSORS
+from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy

@@ -12,8 +12,8 @@ from companion.analysis.autopilot_error import known_biases
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
-from companion.analysis.departures import departures
-from companion.analysis.episode import episodes
+from companion.analysis.deviations import estimator_deviations
+from companion.analysis.fault_interval import fault_intervals
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.aiding import misled_by_frozen
 from companion.analysis.findings.axes import meaning_findings
@@ -115,10 +115,10 @@ def findings(
         tilted = _tilted(fitted)
     if best is not None:
         limits = comparison.how.limits
-        while_judged = tuple(one for one in episodes(best) if one.start - num.SIGMAS * one.start_sigma < landed)
-        departed = departures(flight, best, limits, tilted)
-        departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
-        all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
+        while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
+        deviations = estimator_deviations(flight, best, limits, tilted)
+        deviations = tuple(one for one in deviations if not _is_led_to(one.start, one.end, faults))
+        all_findings += findings_of(while_judged, deviations, best, jumps, flight.imu_in_use)
         all_findings += known_biases(flight, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
@@ -126,7 +126,7 @@ def findings(
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
     others = list(_of_other_imus(flight, comparison, faults))
-    all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
+    all_findings = [with_reports(f, flight) for f in all_findings if not _follows(f, all_findings)]
     return by_severity([*misled_by_frozen(all_findings), *others]), clean
 
 
@@ -142,7 +142,7 @@ def _turned_in_vain(flight: Flight, comparison: Comparison, fitted: Installation
     """
 
     def leans(tilted: tuple[float, float]) -> bool:
-        return any(one.quantity == "tilt" for one in departures(flight, best, comparison.how.limits, tilted))
+        return any(one.quantity == "tilt" for one in estimator_deviations(flight, best, comparison.how.limits, tilted))
 
     return bool(fitted.mounting.any()) and leans(_tilted(fitted)) and not leans((0.0, 0.0))
 
@@ -245,7 +245,7 @@ _RATIOS = {
 }
 
 
-def with_witnesses(finding: Finding, flight: Flight) -> Finding:
+def with_reports(finding: Finding, flight: Flight) -> Finding:
     """The finding with what the vehicle said at that time, and how its estimator saw itself.
 
     That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised.

@@ -7,7 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from companion.analysis.episode import SENSORS
+from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.reference import BoolArray
 from companion.constants import check, priors

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.episode import SENSORS
+from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from companion.app.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
+from companion.app.live.live_verdict import HORIZON_S, MOST_S, Judge, LiveVerdict
 
 _LOOK_S = 0.4  # between two looks at whether something has just begun: one each second time that data are handed over
 PAUSE_S = 4.0  # between the begins of two judgements
@@ -32,7 +32,7 @@ class Pace:
         """Judge at the next step: something else is to be judged."""
         self._due = self._judged = 0.0
 
-    def step(self, now: float) -> Opinion | None:
+    def step(self, now: float) -> LiveVerdict | None:
         """What is to be said now; None where nothing is new. now: s of any steady clock."""
         judge = self._judge
         if judge.newest == self._judged:
@@ -48,13 +48,13 @@ class Pace:
         self._judged = judge.newest
         before, began = time.process_time(), time.monotonic()
         try:
-            opinion = judge.judge()
+            live_verdict = judge.judge()
         except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
             text = f"no verdict ({type(error).__name__}: {error})"
-            opinion = replace(judge.last, status="", text=text, newest=0.0, expected=())
+            live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
         self._due = now + max(min(PAUSE_S, _AGE_S - took), _SHARE * busy)
         in_time = self._due - now + took <= _AGE_S
         judge.most_s = min(max(judge.most_s * (_MORE if in_time else _LESS), HORIZON_S), MOST_S)
-        return opinion
+        return live_verdict

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from companion.analysis import Continued, Integration, Replay, go_on, replay
+from companion.analysis import Continued, Integration, Replay, extend, replay
 from companion.model import DataError, Flight, check_seconds
 from companion.telemetry import Stream
 
@@ -92,10 +92,10 @@ class LiveReplay:
         if whole is None or whole.asked != self._asked or self._stream.newest - whole.newest > _WHOLE_S:
             return None
         present = whole.present
-        newest = self._stream.go_on(present.flight, present.imu, whole.newest - _OVERLAP_S)
+        newest = self._stream.extend(present.flight, present.imu, whole.newest - _OVERLAP_S)
         if newest is None:
             return None
-        continued = go_on(present.replay, newest.imu, newest.attitude, newest.position, whole.how)
+        continued = extend(present.replay, newest.imu, newest.attitude, newest.position, whole.how)
         if continued is None or continued.replay.t[-1] >= present.replay.anchors[-1] + self._reanchor_s:
             return None
         return Present(present.flight, present.imu, continued.replay, continued)

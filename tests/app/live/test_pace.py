@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from companion.app.live import Alarm, Judge, Opinion, Pace
+from companion.app.live import Alarm, Judge, LiveVerdict, Pace
 
 
 class Judged:
@@ -16,15 +16,15 @@ class Judged:
     def __init__(self) -> None:
         self.newest, self.news, self.most_s = 0.0, False, 90.0
         self.looks, self.judged = list[float](), list[float]()
-        self.last = Opinion("", "", 0.0)
+        self.last = LiveVerdict("", "", 0.0)
 
     def stirred(self) -> bool:
         self.looks.append(self.newest)
         return self.news
 
-    def judge(self) -> Opinion:
+    def judge(self) -> LiveVerdict:
         self.judged.append(self.newest)
-        return Opinion("consistent", "", self.newest)
+        return LiveVerdict("consistent", "", self.newest)
 
 
 def run(judge: Judged, pace: Pace, begin: float, end: float, *, hears: bool = True) -> None:
@@ -53,7 +53,7 @@ def test_what_has_just_begun_is_judged_at_once() -> None:
 
 def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
     class Slow(Judged):
-        def judge(self) -> Opinion:
+        def judge(self) -> LiveVerdict:
             until = time.process_time() + 0.05
             while time.process_time() < until:
                 """Busy."""
@@ -85,7 +85,7 @@ def test_nothing_is_judged_or_looked_at_twice() -> None:
 
 def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
     class Broken(Judged):
-        def judge(self) -> Opinion:
+        def judge(self) -> LiveVerdict:
             raise ZeroDivisionError("division by zero")
 
     judge = Broken()
@@ -98,10 +98,10 @@ def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
 
 def test_a_defect_of_the_analysis_takes_back_no_alarm() -> None:
     class Breaks(Judged):
-        def judge(self) -> Opinion:
+        def judge(self) -> LiveVerdict:
             if super().judge().newest > 1.0:
                 raise ZeroDivisionError
-            self.last = Opinion("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
+            self.last = LiveVerdict("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
             return self.last
 
     judge = Breaks()

@@ -27,8 +27,8 @@ def test_an_estimator_that_aligns_on_the_pad_is_not_judged() -> None:
         for i in range(0, len(packets), 20):  # some at a time, as a link hands them over
             judge.hear(b"".join(packets[i : i + 20]), float(frames.stamp[i : i + 20][-1]) * 1e-6)
         said.append(judge.judge())
-    assert "starting" in [opinion.status for opinion in said]
-    assert {opinion.status for opinion in said} <= {"starting", "insufficient_data", "consistent", ""}
+    assert "starting" in [live_verdict.status for live_verdict in said]
+    assert {live_verdict.status for live_verdict in said} <= {"starting", "insufficient_data", "consistent", ""}
     assert said[-1].status == "starting"
     assert "the estimator is aligning" in said[-1].text
     assert said[-1].alarms == ()

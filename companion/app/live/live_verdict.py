@@ -45,7 +45,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Opinion:
+class LiveVerdict:
     """What is to be said at one moment."""
 
     status: State
@@ -89,7 +89,7 @@ class Judge:
         self.most_s = MOST_S  # of data that are judged while somebody is suspect: less where that takes too long
         self._stream = Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
         self._newest = 0.0
-        self.last = Opinion("", "nothing has been received", 0.0)  # what was said last
+        self.last = LiveVerdict("", "nothing has been received", 0.0)  # what was said last
         self._since = math.inf  # s UNIX, the first alarm since nobody was suspect
         self._judged: Flight | None = None
 
@@ -105,25 +105,25 @@ class Judge:
 
     def forget(self) -> None:
         """Begin the record anew: another IMU or another vehicle is judged from now on."""
-        self.last, self._judged = Opinion("", "judging anew", self._newest), None
+        self.last, self._judged = LiveVerdict("", "judging anew", self._newest), None
         self._since = math.inf
 
-    def judge(self) -> Opinion:
+    def judge(self) -> LiveVerdict:
         """What is to be said now."""
         last = self.last
         self._judged = flight = self._flight(self._horizon_s)
         status, text, expected = self._said(flight)
-        opinion = replace(last, status=status, text=text, newest=self._newest, expected=expected)
+        live_verdict = replace(last, status=status, text=text, newest=self._newest, expected=expected)
         if flight is not None:
-            opinion = replace(opinion, vehicle=str(flight.vehicle))
+            live_verdict = replace(live_verdict, vehicle=str(flight.vehicle))
         if status in _SUSPECT:
-            opinion = replace(
-                opinion, alarms=_noted(last.alarms, self._since, Alarm(status, text, self._newest, self._newest))
+            live_verdict = replace(
+                live_verdict, alarms=_noted(last.alarms, self._since, Alarm(status, text, self._newest, self._newest))
             )
             self._since = min(self._since, self._newest)
         elif status == "consistent":
             self._since = math.inf
-        self.last = replace(opinion, was_consistent=last.was_consistent or status == "consistent")
+        self.last = replace(live_verdict, was_consistent=last.was_consistent or status == "consistent")
         return self.last
 
     def stirred(self) -> bool:
@@ -142,7 +142,7 @@ class Judge:
         if flight is None:
             return None
         imu = flight.imu(self._imu_of(flight)).source
-        newest = self._stream.go_on(flight, imu, self._stream.newest - _LOOK_S)
+        newest = self._stream.extend(flight, imu, self._stream.newest - _LOOK_S)
         if newest is None:
             return None
         return replace(flight, imus={imu: newest.imu}, attitude=newest.attitude, position=newest.position)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import Comparison, Verdict
-from companion.app.live import HORIZON_S, Band, Judge, Opinion, opinion
+from companion.app.live import HORIZON_S, Band, Judge, LiveVerdict, live_verdict
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -36,7 +36,7 @@ class Said:
         return next(self.verdicts), BAND
 
 
-def opinions(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iterator[Opinion]:
+def live_verdicts(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iterator[LiveVerdict]:
     """What is said of a simulated flight, every so many seconds."""
     vehicle = SimulatedVehicle(fly(seconds), streams=STREAMS)
     judge = Judge(said, dialect=DEFAULT_DIALECT)
@@ -48,8 +48,13 @@ def opinions(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iter
 
 def test_it_clears_when_the_fault_is_gone_and_keeps_the_record() -> None:
     said = Said(*[GOOD] * 3, *[BAD] * 2, *[GOOD] * 3, BAD, *[GOOD] * 3)
-    found = list(opinions(said))
-    assert [opinion.status for opinion in found[2:6]] == ["consistent", "imu_suspect", "imu_suspect", "consistent"]
+    found = list(live_verdicts(said))
+    assert [live_verdict.status for live_verdict in found[2:6]] == [
+        "consistent",
+        "imu_suspect",
+        "imu_suspect",
+        "consistent",
+    ]
     assert found[2].so_far == ("consistent", "no alarm so far")
     assert found[2].expected == BAND
     last = found[-1]
@@ -64,7 +69,7 @@ def test_an_alarm_that_has_not_cleared_is_one_and_its_onset_stays_in_what_is_jud
     """To be unable to tell for a moment clears nobody."""
     unsure = Verdict("insufficient_data", "cannot tell", ())
     said = Said(*[GOOD] * 8, BAD, *[unsure] * 4, BAD, unsure, GOOD, unsure)
-    last = list(opinions(said, seconds=85.0))[-1]
+    last = list(live_verdicts(said, seconds=85.0))[-1]
     lengths = [round(flight.duration) for flight in said.flights]
     assert lengths[7:15] == [40, 40, 40, 40, 40, 40, 45, 50], "from 20 s before the alarm at 45 s on"
     assert lengths[15:] == [55, 40], "until it has cleared"
@@ -73,16 +78,16 @@ def test_an_alarm_that_has_not_cleared_is_one_and_its_onset_stays_in_what_is_jud
 
 def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> None:
     said = Said(*[GOOD] * 40)
-    last = list(opinions(said, every_s=10.0, seconds=240.0))[-1]
+    last = list(live_verdicts(said, every_s=10.0, seconds=240.0))[-1]
     assert last.newest == pytest.approx(EPOCH + 240.0, abs=0.5)
     spans = [(flight.start, flight.start + flight.duration) for flight in said.flights]
     assert max(end - begin for begin, end in spans) < HORIZON_S + 2.0
     assert spans[-1][1] == pytest.approx(240.0, abs=0.5)
     counts = [len(flight.imu()) for flight in said.flights]
     assert max(counts) <= 50 * HORIZON_S + 60
-    witnesses = said.flights[-1]
-    assert witnesses.gps
-    assert "estimator" in witnesses.series
+    latest = said.flights[-1]
+    assert latest.gps
+    assert "estimator" in latest.series
 
 
 @pytest.mark.parametrize(
@@ -107,7 +112,7 @@ def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, mon
         seen.append(comparison)
         return False
 
-    monkeypatch.setattr(opinion, "newest_stands_out", looked)
+    monkeypatch.setattr(live_verdict, "newest_stands_out", looked)
     for t, packets in bursts(vehicle, 45.0):
         after.hear(packets, EPOCH + t)
         anew.hear(packets, EPOCH + t)

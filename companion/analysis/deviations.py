@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.episode import BIAS_UNITS, Departure
+from companion.analysis.fault_interval import BIAS_UNITS, EstimatorDeviation
 from companion.analysis.finding import IntArray, runs
 from companion.analysis.phases import flown, phases
 from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
@@ -37,12 +37,12 @@ _AXES: Mapping[str, tuple[str, slice]] = {
 _LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
 
 
-def departures(
+def estimator_deviations(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[Departure, ...]:
+) -> tuple[EstimatorDeviation, ...]:
     """Where the autopilot's estimate leaves the best estimate, while it is judged.
 
-    A heading departs by what it is off by, and where that is in doubt by what it has changed by: that is known better
+    A heading deviates by what it is off by, and where that is in doubt by what it has changed by: that is known better
     where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
@@ -75,10 +75,10 @@ def departures(
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
         off["height"] = np.abs(above - _at_first(above, known, which)), height
-    departed: list[Departure] = []
+    deviations: list[EstimatorDeviation] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, healthy.AP_SIGMA[name])
-        where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
+        where = (judged if name in ("tilt", "heading") else known) & (value > least_deviation(name, sigma))
         for first, last in runs(np.asarray(where)):
             before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
             stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
@@ -86,8 +86,8 @@ def departures(
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
                 felt = _imu_confirms(best, reference, name, value, peak)
-                departed.append(Departure(name, float(t[first]), float(t[last]), size, own, felt, stepped))
-    return tuple(sorted(departed, key=lambda d: d.start))
+                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
+    return tuple(sorted(deviations, key=lambda d: d.start))
 
 
 def _shaken(best: BestEstimate) -> Array:
@@ -166,7 +166,7 @@ def _heading_off(
 
     Else by its change since the beginning, or since the estimator told that it has set its heading anew: but not where
     it did so by a compass that is known to have turned, and its heading is further off since. Where the change is not
-    known far better than the heading, by the less of the two, each as a part of what is called a departure.
+    known far better than the heading, by the less of the two, each as a part of what is called a deviation.
     """
     sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
@@ -181,15 +181,15 @@ def _heading_off(
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
         since = np.abs(np.mod(error - error[first] + np.pi, 2.0 * np.pi) - np.pi)  # half a turn off is off either way
-        less = since / least_departure("heading", changed) < np.abs(error) / least_departure("heading", whole)
+        less = since / least_deviation("heading", changed) < np.abs(error) / least_deviation("heading", whole)
         use = doubted & (part == one) & (less | (changed < check.KNOWN_BETTER * whole))
         size = np.where(use, since, size)
         sigma = np.where(use, changed, sigma)
     return size, sigma
 
 
-def least_departure(quantity: str, sigma: Array) -> Array:
-    """(K,) the least that is called a departure where the best estimate is known to sigma (K,): rad, m/s, m."""
+def least_deviation(quantity: str, sigma: Array) -> Array:
+    """(K,) the least that is called a deviation where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
     return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
 
@@ -247,7 +247,7 @@ class Sensitivity:
 
 
 def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
-    """What a best estimate could have shown; without one, nothing by a third witness."""
+    """What a best estimate could have shown; without one, nothing by a third sensor."""
     if isinstance(best, NoEstimateError):
         return Sensitivity({}, (f"what IMU and autopilot may have wrong together: {best.why}",))
     smallest = {}
@@ -279,7 +279,7 @@ def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
 
 
 def _usual(quantity: str, sigma: Array) -> float:
-    return float(np.median(least_departure(quantity, sigma)))
+    return float(np.median(least_deviation(quantity, sigma)))
 
 
 def _figure(value: float) -> str:

@@ -101,7 +101,7 @@ class Preintegration:
         return q_end, v_end, p_end
 
 
-def reckon(
+def dead_reckon(
     imu: ImuTrack,
     start: NavState,
     *,
@@ -117,17 +117,17 @@ def reckon(
     middle as in one run. method, middle, segments: see `increments`. gravity: m/s², along NED's down.
 
     With the cubic the last interval of a track is one-sided. Whoever integrates a track piece by piece and wants the
-    numbers of the whole uses `Reckoner`, or gives each piece one sample more at both ends.
+    numbers of the whole uses `DeadReckoner`, or gives each piece one sample more at both ends.
 
     Raises SettingsError for an unknown method or middle; DataError for a track without samples and for a start that is
     not finite, whose quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
 
     >>> import numpy as np
-    >>> from companion import ImuTrack, NavState, reckon
+    >>> from companion import ImuTrack, NavState, dead_reckon
     >>> t = np.linspace(0.0, 2.0, 201)  # two seconds of 1 m/s² forward, level
     >>> imu = ImuTrack(t, gyro=np.zeros((201, 3)), accel=np.tile([1.0, 0.0, -9.80665], (201, 1)))
     >>> start = NavState(0.0, np.array([1.0, 0.0, 0.0, 0.0]), velocity=np.zeros(3), position=np.zeros(3))
-    >>> [round(float(x), 9) for x in reckon(imu, start).end.position]
+    >>> [round(float(x), 9) for x in dead_reckon(imu, start).end.position]
     [2.0, 0.0, 0.0]
     """
     scheme = scheme_for(method, middle, segments)

@@ -35,11 +35,11 @@ _UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m", "
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Episode:
+class FaultInterval:
     """A time during which one sensor was off in one way."""
 
     kind: str  # of `estimation.KINDS`
-    witness: str  # "imu", "gps", "compass", "barometer"
+    side: str  # whose it is: "imu", "gps", "compass", "barometer"
     start: float  # s, boot clock
     start_sigma: float
     end: float  # s; infinite where it lasts to the end
@@ -56,7 +56,7 @@ class Episode:
 
 
 @dataclass(frozen=True, slots=True)
-class Departure:
+class EstimatorDeviation:
     """A time during which the autopilot's estimate is further from the best estimate than both may be off."""
 
     quantity: str  # "tilt", "heading", "velocity", "position", "height"
@@ -98,18 +98,18 @@ class Departure:
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{_UNITS[self.quantity]} in {self.quantity}"
 
 
-def episodes(best: BestEstimate) -> tuple[Episode, ...]:
+def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
-    episodes: list[Episode] = []
+    intervals: list[FaultInterval] = []
     for kind in KINDS:
         of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         for imu in dict.fromkeys(e.imu for e in of_kind):
             parts = [e for e in of_kind if e.imu == imu]
-            episodes += _episodes_of(parts, kind.side, kind.least, best)
-    return tuple(sorted(episodes, key=lambda e: e.start))
+            intervals += _intervals_of(parts, kind.side, kind.least, best)
+    return tuple(sorted(intervals, key=lambda e: e.start))
 
 
-def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestEstimate) -> Iterator[Episode]:
+def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
     last = float(best.t[-1])
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
     share = np.array([_at_work(part, grid) for part in parts])
@@ -122,9 +122,9 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
         peak = first + int(np.argmax(size[here] - num.SIGMAS * sigma[here]))  # where it surely is largest
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
-        yield Episode(
+        yield FaultInterval(
             cause.kind,
-            witness,
+            side,
             cause.onset,
             cause.onset_sigma,
             float(grid[final]) if final < len(grid) - 1 else np.inf,
@@ -179,93 +179,93 @@ def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimat
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def axis_of(episode: Episode) -> str:
+def axis_of(interval: FaultInterval) -> str:
     """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
-    if episode.witness != "imu":
+    if interval.side != "imu":
         return ""
-    return main_axis(episode.size)
+    return main_axis(interval.size)
 
 
-def _size(episode: Episode, best: BestEstimate) -> Size:
-    return Size(episode.size, episode.sigma, best.states.constant("earth_field"))
+def _size(interval: FaultInterval, best: BestEstimate) -> Size:
+    return Size(interval.size, interval.sigma, best.states.constant("earth_field"))
 
 
-def size_told(episode: Episode, best: BestEstimate) -> tuple[float, float, str]:
+def size_told(interval: FaultInterval, best: BestEstimate) -> tuple[float, float, str]:
     """How large it is said to be, its σ and its unit: of a compass' field that turns the angle."""
-    if episode.kind != "compass_field":
-        return episode.magnitude, episode.sigma, kind_of(episode.kind).unit
-    angle, sigma = turn_of_the_field(_size(episode, best))
+    if interval.kind != "compass_field":
+        return interval.magnitude, interval.sigma, kind_of(interval.kind).unit
+    angle, sigma = turn_of_the_field(_size(interval, best))
     return abs(angle), sigma, "rad"
 
 
-def turn_of_compass(episode: Episode, best: BestEstimate) -> tuple[float, float]:
+def turn_of_compass(interval: FaultInterval, best: BestEstimate) -> tuple[float, float]:
     """By how much a compass turns the heading at most, and 1σ of it, rad."""
-    size, sigma, unit = size_told(episode, best)
+    size, sigma, unit = size_told(interval, best)
     if unit == "rad":
         return min(size, np.pi), sigma
     level = max(float(np.linalg.norm(best.states.constant("earth_field")[:2])), 1e-9)
     return float(np.arcsin(min(size / level, 1.0))) if size < level else np.pi, sigma / level
 
 
-def is_sized(episode: Episode, best: BestEstimate) -> bool:
+def is_sized(interval: FaultInterval, best: BestEstimate) -> bool:
     """Whether its size is more than its σ."""
-    size, sigma, _ = size_told(episode, best)
+    size, sigma, _ = size_told(interval, best)
     return size >= sigma
 
 
-def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
-    """The episode in numbers."""
-    size, sigma, unit = size_told(episode, best)
-    other, shares = rival(episode), probability_by_side(episode)
+def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
+    """The interval in numbers."""
+    size, sigma, unit = size_told(interval, best)
+    other, shares = rival(interval), probability_by_side(interval)
     return Cause(
-        kind=episode.kind,
+        kind=interval.kind,
         side=side,
-        onset_s=episode.start,
-        end_s=episode.end if np.isfinite(episode.end) else None,
-        onset_sigma_s=episode.start_sigma,
-        sensor=episode.kind.split("_")[0] if episode.witness == "imu" else episode.witness,
-        axis=axis_of(episode),
+        onset_s=interval.start,
+        end_s=interval.end if np.isfinite(interval.end) else None,
+        onset_sigma_s=interval.start_sigma,
+        sensor=interval.kind.split("_")[0] if interval.side == "imu" else interval.side,
+        axis=axis_of(interval),
         size=size,
         sigma=sigma,
         unit=unit,
-        probability=likelihoods(episode)[episode.witness] if episode.rivals else None,
-        side_probability=shares["imu" if episode.witness == "imu" else "aiding"] if episode.rivals else None,
+        probability=likelihoods(interval)[interval.side] if interval.rivals else None,
+        side_probability=shares["imu" if interval.side == "imu" else "aiding"] if interval.rivals else None,
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
         consequences=consequences,
-        imu=(best.imu.instance if episode.imu is None else episode.imu) if episode.witness == "imu" else None,
+        imu=(best.imu.instance if interval.imu is None else interval.imu) if interval.side == "imu" else None,
     )
 
 
-def said(episode: Episode, best: BestEstimate) -> str:
-    """The episode in words, with its time."""
-    until = "to the end" if not np.isfinite(episode.end) else f"to {episode.end:.1f} s"
-    what = f"{words(episode.kind)} of a size that cannot be told"
-    if is_sized(episode, best):
-        what = kind_of(episode.kind).phrase(_size(episode, best))
-    if episode.imu is not None:
-        what = f"IMU {episode.imu}, compared with IMU {best.imu.instance}: {what}"
-    since = f"from {episode.start:.1f} ± {episode.start_sigma:.1f} s"
-    if episode.start - episode.start_sigma < best.t[0]:  # it may have been there from the beginning
-        since = f"from before {episode.start + episode.start_sigma:.1f} s"
+def said(interval: FaultInterval, best: BestEstimate) -> str:
+    """The interval in words, with its time."""
+    until = "to the end" if not np.isfinite(interval.end) else f"to {interval.end:.1f} s"
+    what = f"{words(interval.kind)} of a size that cannot be told"
+    if is_sized(interval, best):
+        what = kind_of(interval.kind).phrase(_size(interval, best))
+    if interval.imu is not None:
+        what = f"IMU {interval.imu}, compared with IMU {best.imu.instance}: {what}"
+    since = f"from {interval.start:.1f} ± {interval.start_sigma:.1f} s"
+    if interval.start - interval.start_sigma < best.t[0]:  # it may have been there from the beginning
+        since = f"from before {interval.start + interval.start_sigma:.1f} s"
     return f"{what}, {since} {until}"
 
 
-def likelihoods(episode: Episode) -> dict[str, float]:
-    """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the episode."""
-    return probabilities(episode.rivals)
+def likelihoods(interval: FaultInterval) -> dict[str, float]:
+    """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the interval."""
+    return probabilities(interval.rivals)
 
 
-def probability_by_side(episode: Episode) -> dict[str, float]:
+def probability_by_side(interval: FaultInterval) -> dict[str, float]:
     """ "imu", "aiding" (any sensor beside it), "nobody" → the probability that it has the fault."""
-    shares = likelihoods(episode)
+    shares = likelihoods(interval)
     imu, nobody = shares["imu"], shares["nobody"]
     return {"imu": imu, "aiding": max(1.0 - imu - nobody, 0.0), "nobody": nobody}
 
 
-def probability_by_imu(episode: Episode, best: BestEstimate) -> dict[int, float]:
+def probability_by_imu(interval: FaultInterval, best: BestEstimate) -> dict[int, float]:
     """IMU → the probability that it is the one with the fault, if an IMU has it; the likeliest first."""
-    odds = [one for one in episode.rivals if kind_of(one.kind).side == "imu"]
+    odds = [one for one in interval.rivals if kind_of(one.kind).side == "imu"]
     share = np.exp([one.fault_log_odds - max(other.fault_log_odds for other in odds) for one in odds])
     out: dict[int, float] = {}
     for one, part in zip(odds, share / share.sum(), strict=True):
@@ -274,9 +274,9 @@ def probability_by_imu(episode: Episode, best: BestEstimate) -> dict[int, float]
     return dict(sorted(out.items(), key=lambda pair: -pair[1]))
 
 
-def own_odds(episode: Episode) -> float:
+def own_odds(interval: FaultInterval) -> float:
     """Logarithm of the posterior odds of its own kind against nothing."""
-    return max((one.log_odds for one in episode.rivals if one.kind == episode.kind), default=0.0)
+    return max((one.log_odds for one in interval.rivals if one.kind == interval.kind), default=0.0)
 
 
 def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = np.inf) -> dict[str, float]:
@@ -296,14 +296,14 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
     return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
 
 
-def rival(episode: Episode) -> tuple[str, float] | None:
+def rival(interval: FaultInterval) -> tuple[str, float] | None:
     """The likeliest kind of fault of another sensor, and its probability; None where there is none."""
-    odds = np.array([0.0, *(one.log_odds for one in episode.rivals)])
+    odds = np.array([0.0, *(one.log_odds for one in interval.rivals)])
     share = np.exp(odds - odds.max())
     share /= share.sum()
     named: dict[str, float] = {}
-    for one, part in zip(episode.rivals, share[1:], strict=True):
-        if kind_of(one.kind).side != episode.witness:
+    for one, part in zip(interval.rivals, share[1:], strict=True):
+        if kind_of(one.kind).side != interval.side:
             named[one.kind] = named.get(one.kind, 0.0) + float(part)
     return max(named.items(), key=lambda pair: pair[1]) if named else None
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.model import STANDARD_GRAVITY, DataError, ImuTrack, NavState, SettingsError, Trajectory
-from companion.strapdown import METHODS, MIDDLES, Reckoner, motions, quaternion, reckon
+from companion.strapdown import METHODS, MIDDLES, DeadReckoner, dead_reckon, motions, quaternion
 from companion.strapdown.motions import Motion
 
 
@@ -17,8 +17,8 @@ def stream(n: int = 1_500) -> Motion:
     return motions.coning(np.concatenate(([0.0], np.cumsum(steps) * 15 / steps.sum())))
 
 
-def push_all(reckoner: Reckoner, imu: ImuTrack, cuts: list[int]) -> Trajectory:
-    answers = [reckoner.push(imu[a:b]) for a, b in itertools.pairwise(cuts)] + [reckoner.finish()]
+def push_all(dead_reckoner: DeadReckoner, imu: ImuTrack, cuts: list[int]) -> Trajectory:
+    answers = [dead_reckoner.push(imu[a:b]) for a, b in itertools.pairwise(cuts)] + [dead_reckoner.finish()]
     return Trajectory(
         np.concatenate([a.t for a in answers]),
         np.concatenate([a.q_ned_frd for a in answers]),
@@ -46,27 +46,27 @@ RANDOM_CUTS = sorted({0, 1_500, *np.random.default_rng(6).integers(1, 1_500, 200
 @pytest.mark.parametrize("middle", MIDDLES)
 def test_any_cutting_gives_the_batch(cuts: list[int], method: str, middle: str) -> None:
     motion = stream()
-    batch = reckon(motion.imu, motion.start, method=method, middle=middle)
-    assert_same(push_all(Reckoner(motion.start, method=method, middle=middle), motion.imu, cuts), batch)
+    batch = dead_reckon(motion.imu, motion.start, method=method, middle=middle)
+    assert_same(push_all(DeadReckoner(motion.start, method=method, middle=middle), motion.imu, cuts), batch)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
 def test_short_streams_end_as_short_tracks_do(n: int) -> None:
     motion = stream(n + 1)
     imu = motion.imu[:n]
-    assert_same(push_all(Reckoner(motion.start), imu, list(range(n + 1))), reckon(imu, motion.start))
+    assert_same(push_all(DeadReckoner(motion.start), imu, list(range(n + 1))), dead_reckon(imu, motion.start))
 
 
 def test_segments_and_a_start_inside_the_first_push() -> None:
     motion = stream(200)
     start = NavState(motion.t[5], motion.q_ned_frd[5], motion.velocity[5], motion.position[5])
-    batch = reckon(motion.imu, start, method="midpoint", segments=4)
-    assert_same(push_all(Reckoner(start, method="midpoint", segments=4), motion.imu, [0, 6, 7, 60, 200]), batch)
+    batch = dead_reckon(motion.imu, start, method="midpoint", segments=4)
+    assert_same(push_all(DeadReckoner(start, method="midpoint", segments=4), motion.imu, [0, 6, 7, 60, 200]), batch)
 
 
 def test_the_cubic_is_one_sample_late_and_says_so() -> None:
     motion = stream(50)
-    late, prompt = Reckoner(motion.start), Reckoner(motion.start, middle="linear")
+    late, prompt = DeadReckoner(motion.start), DeadReckoner(motion.start, middle="linear")
     for i in range(50):
         late.push(motion.imu[i : i + 1])
         prompt.push(motion.imu[i : i + 1])
@@ -81,29 +81,29 @@ def test_the_cubic_is_one_sample_late_and_says_so() -> None:
 
 def test_an_anchor_moves_the_reckoning_to_another_state() -> None:
     motion = stream(400)
-    reckoner = Reckoner(NavState(0.0, quaternion.IDENTITY, np.ones(3), np.zeros(3)))
-    reckoner.push(motion.imu[:200])
+    dead_reckoner = DeadReckoner(NavState(0.0, quaternion.IDENTITY, np.ones(3), np.zeros(3)))
+    dead_reckoner.push(motion.imu[:200])
     k = 198  # one sample late
     truth = NavState(motion.t[k], motion.q_ned_frd[k], motion.velocity[k], motion.position[k])
-    reckoner.anchor(truth)
-    rest = reckoner.push(motion.imu[200:])
-    whole = reckon(motion.imu, truth)
+    dead_reckoner.anchor(truth)
+    rest = dead_reckoner.push(motion.imu[200:])
+    whole = dead_reckon(motion.imu, truth)
     np.testing.assert_allclose(rest.position, whole.position[1 : 1 + len(rest)], atol=1e-10)
     with pytest.raises(ValueError, match="does not fit"):
-        reckoner.anchor(truth)
+        dead_reckoner.anchor(truth)
 
 
 def test_bad_pushes_are_named() -> None:
     motion = stream(50)
-    reckoner = Reckoner(motion.start)
-    assert len(reckoner.push(motion.imu[:0])) == 0
+    dead_reckoner = DeadReckoner(motion.start)
+    assert len(dead_reckoner.push(motion.imu[:0])) == 0
     with pytest.raises(DataError, match="not the time of a sample"):
-        reckoner.push(motion.imu[10:20])
-    reckoner.push(motion.imu[:20])
+        dead_reckoner.push(motion.imu[10:20])
+    dead_reckoner.push(motion.imu[:20])
     with pytest.raises(DataError, match="increase strictly"):
-        reckoner.push(motion.imu[19:30])
-    reckoner.push(motion.imu[20:30])  # the refused chunk has left no trace
+        dead_reckoner.push(motion.imu[19:30])
+    dead_reckoner.push(motion.imu[20:30])  # the refused chunk has left no trace
     with pytest.raises(SettingsError, match="gravity must be finite"):
-        Reckoner(motion.start, gravity=float("nan"))
+        DeadReckoner(motion.start, gravity=float("nan"))
     with pytest.raises(SettingsError, match="unknown middle"):
-        Reckoner(motion.start, middle="quintic")
+        DeadReckoner(motion.start, middle="quintic")

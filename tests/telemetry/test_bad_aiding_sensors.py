@@ -1,4 +1,4 @@
-"""A witness that is none: left out with a note, never an exception and never silently used; in every format of log."""
+"""An aiding sensor that is none: left out with a note, never an exception, never silently used; in every format."""
 
 from __future__ import annotations
 

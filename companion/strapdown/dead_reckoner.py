@@ -1,4 +1,4 @@
-"""Dead reckoning of samples as they arrive: the same numbers as `reckon` over all of them at once."""
+"""Dead reckoning of samples as they arrive: the same numbers as `dead_reckon` over all of them at once."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 
 from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory, check_number
 from companion.strapdown._methods import scheme_for
-from companion.strapdown.reckon import SAME_TIME, checked, run, start_index
+from companion.strapdown.dead_reckon import SAME_TIME, checked, run, start_index
 
 
-class Reckoner:
+class DeadReckoner:
     """Continues a dead reckoning with every chunk of samples, however the stream is cut.
 
     Linear, Euler and midpoint answer up to the newest sample. The cubic through four samples needs the one after an
     interval, so there the answer is one sample late (10 ms at 100 Hz) and never revised; the first answer needs four
     samples. `behind` says how many samples wait, and `finish` answers them as the end of a track, one-sided.
 
-    start: the state at one of the samples of the first push. method, middle, segments, gravity: see `reckon`, which
-    also says what raises.
+    start: the state at one of the samples of the first push. method, middle, segments, gravity: see `dead_reckon`,
+    which also says what raises.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.model import STANDARD_GRAVITY, Array, DataError, ImuTrack, NavState, SettingsError, Trajectory
-from companion.strapdown import METHODS, MIDDLES, motions, preintegrate, quaternion, reckon
+from companion.strapdown import METHODS, MIDDLES, dead_reckon, motions, preintegrate, quaternion
 from companion.strapdown.motions import Motion
 from tests.oracle import scalar_rk4
 
@@ -42,7 +42,7 @@ def test_scalar_loop_agrees(middle: str) -> None:
     t = 100.0 + np.cumsum(RNG.uniform(0.004, 0.03, n))
     imu = ImuTrack(t, RNG.normal(0, 2, (n, 3)), RNG.normal(0, 5, (n, 3)) - DOWN)
     start = NavState(t[0], quaternion.normalize(RNG.normal(size=4)), RNG.normal(0, 5, 3), RNG.normal(0, 50, 3))
-    found = reckon(imu, start, middle=middle)
+    found = dead_reckon(imu, start, middle=middle)
     q, v, p = scalar_rk4(imu, start, middle)
     for ours, theirs in ((found.q_ned_frd, q), (found.velocity, v), (found.position, p)):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10 * max(1.0, np.abs(theirs).max()))
@@ -69,7 +69,7 @@ def test_order_of_convergence(method: str, middle: str, order: int, spacing: str
         steps = np.tile(SPACINGS[spacing], n // 2)
         t = np.concatenate(([0.0], np.cumsum(steps) * 3.3 / steps.sum()))
         motion = motions.coning(t)
-        end = reckon(motion.imu, motion.start, method=method, middle=middle).end
+        end = dead_reckon(motion.imu, motion.start, method=method, middle=middle).end
         errors.append(
             (
                 attitude_error(end.q_ned_frd, motion.q_ned_frd[-1]),
@@ -92,7 +92,7 @@ NOTES_FIGURES = {  # degrees after 20 s of 1.5 Hz coning at 0.4 rad: Euler, midp
 def test_figures_of_the_notes(rate: int) -> None:
     motion = motions.coning(np.arange(20 * rate + 1) / rate)
     schemes = [("euler", "linear"), ("midpoint", "linear"), ("rk4", "linear"), ("rk4", "cubic")]
-    ends = [reckon(motion.imu, motion.start, method=method, middle=middle).end for method, middle in schemes]
+    ends = [dead_reckon(motion.imu, motion.start, method=method, middle=middle).end for method, middle in schemes]
     degrees = [float(np.degrees(attitude_error(end.q_ned_frd, motion.q_ned_frd[-1]))) for end in ends]
     metres = [float(np.linalg.norm(end.position - motion.position[-1])) for end in ends]
     np.testing.assert_allclose(degrees, NOTES_FIGURES[rate], rtol=0.03)  # two digits are printed there
@@ -103,7 +103,7 @@ def test_figures_of_the_notes(rate: int) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_rotations_stay_of_unit_length_and_continuous_in_sign(method: str) -> None:
     motion = irregular_coning(20_000, 600.0)
-    q = reckon(motion.imu, motion.start, method=method).q_ned_frd
+    q = dead_reckon(motion.imu, motion.start, method=method).q_ned_frd
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-14)
     assert (np.einsum("ij,ij->i", q[1:], q[:-1]) > 0).all()
 
@@ -112,9 +112,9 @@ def test_rotations_stay_of_unit_length_and_continuous_in_sign(method: str) -> No
 def test_time_reversal_returns_to_the_start(middle: str) -> None:
     """Backwards in time rates and velocities change their sign; only RK4's own error remains."""
     motion = motions.coning(np.linspace(0, 5, 5001))
-    there = reckon(motion.imu, motion.start, middle=middle).end
+    there = dead_reckon(motion.imu, motion.start, middle=middle).end
     back_imu = ImuTrack(motion.t, -motion.gyro[::-1], motion.accel[::-1])
-    back = reckon(back_imu, NavState(0.0, there.q_ned_frd, -there.velocity, there.position), middle=middle).end
+    back = dead_reckon(back_imu, NavState(0.0, there.q_ned_frd, -there.velocity, there.position), middle=middle).end
     assert attitude_error(back.q_ned_frd, motion.start.q_ned_frd) < 1e-9
     np.testing.assert_allclose(-back.velocity, motion.start.velocity, atol=1e-8)
     np.testing.assert_allclose(back.position, motion.start.position, atol=1e-8)
@@ -125,10 +125,10 @@ def test_time_reversal_returns_to_the_start(middle: str) -> None:
 @pytest.mark.parametrize("cut", [4, 37, 4096, 8_990])
 def test_pieces_with_a_sample_more_at_both_ends_give_the_whole(method: str, middle: str, cut: int) -> None:
     motion = irregular_coning(9_000, 100.0)
-    whole = reckon(motion.imu, motion.start, method=method, middle=middle)
-    head = reckon(motion.imu[: cut + 2], motion.start, method=method, middle=middle)
+    whole = dead_reckon(motion.imu, motion.start, method=method, middle=middle)
+    head = dead_reckon(motion.imu[: cut + 2], motion.start, method=method, middle=middle)
     state = NavState(head.t[cut], head.q_ned_frd[cut], head.velocity[cut], head.position[cut])
-    tail = reckon(motion.imu[cut - 1 :], state, method=method, middle=middle)
+    tail = dead_reckon(motion.imu[cut - 1 :], state, method=method, middle=middle)
     both = [np.concatenate((a[:cut], b)) for a, b in zip(columns(head), columns(tail), strict=True)]
     assert_same(Trajectory(whole.t, both[0], both[1], both[2]), whole)
 
@@ -145,8 +145,8 @@ def test_segments_are_the_same_as_samples_put_on_the_line_between(method: str) -
         np.stack([np.interp(fine_t, coarse.t, x[:, i]) for i in range(3)], 1) for x in (coarse.gyro, coarse.accel)
     ]
     start = NavState(coarse.t[0], quaternion.from_euler(0.3, -0.2, 1.0), np.ones(3), np.zeros(3))
-    pieces = reckon(coarse, start, method=method, middle="linear", segments=4)
-    fine = reckon(ImuTrack(fine_t, between[0], between[1]), start, method=method, middle="linear")
+    pieces = dead_reckon(coarse, start, method=method, middle="linear", segments=4)
+    fine = dead_reckon(ImuTrack(fine_t, between[0], between[1]), start, method=method, middle="linear")
     np.testing.assert_allclose(pieces.q_ned_frd, fine.q_ned_frd[::4], atol=1e-12)
     np.testing.assert_allclose(pieces.velocity, fine.velocity[::4], atol=1e-11)
     np.testing.assert_allclose(pieces.position, fine.position[::4], atol=1e-10)
@@ -160,7 +160,7 @@ def test_constant_specific_force_integrates_exactly(middle: str) -> None:
     t = np.cumsum(RNG.uniform(0.005, 0.02, 2_000))
     force = np.array([0.5, -0.2, -9.0])
     imu = ImuTrack(t, np.zeros((2_000, 3)), np.tile(force, (2_000, 1)))
-    found = reckon(imu, NavState(t[0], quaternion.IDENTITY, np.ones(3), np.zeros(3)), middle=middle)
+    found = dead_reckon(imu, NavState(t[0], quaternion.IDENTITY, np.ones(3), np.zeros(3)), middle=middle)
     tau = (t - t[0])[:, None]
     np.testing.assert_allclose(found.velocity, 1.0 + (force + DOWN) * tau, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.position, tau + 0.5 * (force + DOWN) * tau**2, rtol=1e-12, atol=1e-12)
@@ -192,7 +192,7 @@ def test_constant_rate_and_specific_force_are_exact_up_to_the_step_of_rk4(middle
 @pytest.mark.parametrize("method", METHODS)
 def test_rest_stays_at_rest_for_an_hour(method: str) -> None:
     motion = motions.rest(np.arange(360_000) / 100, quaternion.from_euler(0.1, -0.2, 1.0))
-    end = reckon(motion.imu, motion.start, method=method).end
+    end = dead_reckon(motion.imu, motion.start, method=method).end
     np.testing.assert_allclose(end.q_ned_frd, motion.start.q_ned_frd, atol=1e-12)
     np.testing.assert_allclose(end.velocity, 0.0, atol=1e-9)
     np.testing.assert_allclose(end.position, 0.0, atol=1e-6)
@@ -201,7 +201,7 @@ def test_rest_stays_at_rest_for_an_hour(method: str) -> None:
 @pytest.mark.parametrize("motion", [motions.free_fall, motions.circle, motions.spin])
 def test_closed_form_motions(motion: object) -> None:
     truth = motion(np.linspace(0, 20, 4001))  # type: ignore[operator]
-    found = reckon(truth.imu, truth.start)
+    found = dead_reckon(truth.imu, truth.start)
     assert attitude_error(found.q_ned_frd, truth.q_ned_frd).max() < 1e-8
     np.testing.assert_allclose(found.velocity, truth.velocity, atol=1e-6)
     np.testing.assert_allclose(found.position, truth.position, atol=1e-5)
@@ -214,7 +214,7 @@ def test_closed_form_motions(motion: object) -> None:
 def test_windows_from_one_pass_equal_separate_integrations(method: str) -> None:
     motion = irregular_coning(6_000, 60.0)
     once = preintegrate(motion.imu, method=method)
-    whole = reckon(motion.imu, motion.start, method=method)
+    whole = dead_reckon(motion.imu, motion.start, method=method)
     starts = np.array([0, 17, 2_500, 5_000])
     ends = starts[:, None] + np.array([0, 1, 400, 900])
     states = [RNG.normal(size=(4, 3)) for _ in range(2)]
@@ -222,7 +222,7 @@ def test_windows_from_one_pass_equal_separate_integrations(method: str) -> None:
     q_e, v_e, p_e = once.carry(starts, ends, q, *states)
     for w, k in enumerate(starts):
         start = NavState(motion.t[k], q[w], states[0][w], states[1][w])
-        alone = reckon(motion.imu, start, method=method)
+        alone = dead_reckon(motion.imu, start, method=method)
         at = ends[w] - k
         assert attitude_error(q_e[w], alone.q_ned_frd[at]).max() < 1e-12
         np.testing.assert_allclose(v_e[w], alone.velocity[at], atol=1e-9)
@@ -271,10 +271,10 @@ def test_carry_names_what_does_not_fit() -> None:
 
 def test_first_row_is_the_start_and_gravity_can_be_set() -> None:
     motion = irregular_coning()
-    found = reckon(motion.imu, motion.start, gravity=0.0)
+    found = dead_reckon(motion.imu, motion.start, gravity=0.0)
     np.testing.assert_allclose(found.q_ned_frd[0], motion.start.q_ned_frd, atol=1e-15)
     np.testing.assert_array_equal(found.position[0], motion.start.position)
-    standard = reckon(motion.imu, motion.start)
+    standard = dead_reckon(motion.imu, motion.start)
     tau = (motion.t - motion.t[0])[:, None]
     np.testing.assert_allclose(standard.velocity - found.velocity, DOWN * tau, atol=1e-10)
     np.testing.assert_allclose(standard.position - found.position, 0.5 * DOWN * tau**2, atol=1e-10)
@@ -282,16 +282,16 @@ def test_first_row_is_the_start_and_gravity_can_be_set() -> None:
 
 def test_single_sample_is_its_start() -> None:
     motion = irregular_coning()
-    found = reckon(motion.imu[:1], motion.start)
+    found = dead_reckon(motion.imu[:1], motion.start)
     assert len(found) == 1
     np.testing.assert_array_equal(found.position[0], motion.start.position)
 
 
 def test_notes_reach_the_trajectory() -> None:
     motion = irregular_coning()
-    assert "needs 4 samples" in reckon(motion.imu[:3], motion.start).notes[0]
+    assert "needs 4 samples" in dead_reckon(motion.imu[:3], motion.start).notes[0]
     assert "needs 4 samples" in preintegrate(motion.imu[:3]).notes[0]
-    assert reckon(motion.imu, motion.start).notes == ()
+    assert dead_reckon(motion.imu, motion.start).notes == ()
 
 
 def test_a_start_that_cannot_be_is_named() -> None:
@@ -307,10 +307,10 @@ def test_a_start_that_cannot_be_is_named() -> None:
     ]
     for start, message in bad:
         with pytest.raises(DataError, match=message):
-            reckon(motion.imu, start)
+            dead_reckon(motion.imu, start)
     with pytest.raises(SettingsError, match="gravity must be finite"):
-        reckon(motion.imu, good, gravity=float("inf"))
+        dead_reckon(motion.imu, good, gravity=float("inf"))
     with pytest.raises(SettingsError, match="unknown method"):
-        reckon(motion.imu, good, method="heun")
+        dead_reckon(motion.imu, good, method="heun")
     with pytest.raises(SettingsError, match="unknown middle"):
         preintegrate(motion.imu, middle="quintic")
