@@ -96,6 +96,7 @@ HUBER = 4.0  # σ beyond which an outlier loses weight
 HUBER_SPAN = 7  # neighbours whose median is the typical size
 SHAKEN_MAX = 10.0  # times that an interval's noise may be larger: beyond, a GPS jump would pass for noise of the IMU
 ROUNDING = 1e-8  # of an information, below which a difference is nothing but rounding
+ROUNDED_BLOCK = 1e-5  # the same of its eigenvalues: those of an interval at rest are off by 6e-6
 BATCH = 128  # keyframes: what is made on the way stays small
 
 # IMUs beside one another

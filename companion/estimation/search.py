@@ -115,7 +115,9 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape:
             return None
         never = np.full(len(e), np.inf)
         times = onset[judged], never[judged], weight[judged]
-        return _scored(problem, kind, shape, times, (-e[judged, block], d[judged, block, block]))
+        own = np.diagonal(solution.motion.weight, axis1=1, axis2=2)[judged, block]
+        scores = _beyond_rounding(-e[judged, block], d[judged, block, block], own.max(axis=1))
+        return _scored(problem, kind, shape, times, scores)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     begin, end = inside, None
     if shape in ENDING:
@@ -123,6 +125,18 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape:
         lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[kind.side]
         begin, end = begin[lasts], end[lasts]
     return _cells(problem, grid, kind, shape, begin, end)
+
+
+def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
+    """Scores b (T, m) with information v (T, m, m), without the directions in which rounding is all that is left of v.
+
+    It is the difference of own (T,) and what is about as large: where that is indefinite, evidence would be anything.
+    """
+    value, vector = np.linalg.eigh(v)
+    known = value > num.ROUNDED_BLOCK * own[:, None]
+    kept = vector * known[:, None, :]
+    inverse = vector.swapaxes(1, 2)
+    return np.einsum("tij,tj...->ti...", kept @ inverse, b), kept * value[:, None, :] @ inverse
 
 
 def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Cells | None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
 from companion.constants.priors import ACCUSED
-from companion.estimation import KINDS, Rival, kind_of, probabilities
+from companion.estimation import KINDS, Rival, kind_of, probabilities, smooth
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.model import Array
+from tests.estimation import sensed as sensed_flights
 
 HOUR = (0.0, 3600.0)
 
@@ -92,3 +95,15 @@ def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:
         one = trial(kind, "step", (np.array([1800.0]), np.array([np.inf]), np.array([cell])), HOUR, b[None], v[None])
         found.append(probabilities([Rival(kind.name, "step", one.log_odds, one.fault)])["imu"] > ACCUSED)
     assert 0.92 < np.mean(found) < 0.985
+
+
+def test_no_shock_is_found_where_rounding_is_all_that_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At rest a gyro without noise is known so well that what else tells of a shock is lost in rounding."""
+    monkeypatch.setattr(sensed_flights, "NOISE", (1e-7, 1e-5))
+    flight = replace(sensed_flights.sensed(120.0, "rest", rate=50.0)[0], gps=())
+    imu = flight.imu()
+    during = (imu.t > 70.0) & (imu.t < 90.0)
+    off = sensed_flights.with_imu(flight, replace(imu, gyro=imu.gyro + np.outer(during, [0.0, 0.0, 0.02])))
+    best = smooth(off)
+    assert best.explained
+    assert not any(one.kind.endswith("_shock") for one in best.explained)
