@@ -24,7 +24,7 @@ OWN_TABLES = {
     "estimation/model.py: CONSTANTS",  # constants of a flight, their places and priors
     "analysis/correction.py: _AXES",  # names of three, one and six components
     "analysis/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
-    "analysis/interval.py: BIAS_UNITS",  # how a bias is printed
+    "analysis/fault_interval.py: BIAS_UNITS",  # how a bias is printed
     "analysis/findings/axes.py: _THOUSAND",  # factors between units, and their words
     "analysis/findings/control.py: _MOTORS",  # numbers of SERVOn_FUNCTION
     "analysis/inventory.py: _ORIENTATIONS",  # numbers of MAV_SENSOR_ORIENTATION
