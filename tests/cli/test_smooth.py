@@ -95,11 +95,11 @@ def test_another_ending_is_refused_before_the_work_is_done(tmp_path: Path, capsy
 
 def test_an_imu_that_is_too_slow_gets_one_sentence(tmp_path: Path, capsys: Captured) -> None:
     log = Writer(tmp_path / "slow.tlog")
-    log.rest(20.0, hz=4.0)
+    log.rest(40.0, hz=1.0)
     assert main(["smooth", str(log.close())]) == 2
     said = capsys.readouterr()
     assert not said.out
-    assert "8 Hz or more" in said.err
+    assert "1.5 Hz or more" in said.err
 
 
 def test_a_repr_fits_in_a_line() -> None:
