@@ -552,17 +552,13 @@ def test_an_axis_without_noise_that_goes_somewhere_beside_others_that_shake_is_n
     assert ("stuck_axis" in {f.kind for f in found}) == (goes == 0.0)
 
 
-@pytest.mark.parametrize("begin", [38.0, 54.0])
-def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -> None:
+def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck() -> None:
     """It reads one value in the time of a quick manoeuvre; the others may be calm."""
-    flight = in_milliradians()
+    flight, begin = in_milliradians(), 38.0
     imu = flight.imu()
     during, held = (imu.t >= begin) & (imu.t < begin + 16.0), imu.gyro.copy()
     held[during, 1] = held[np.argmax(during), 1]
     found = assess(with_imu(flight, gyro=held), GENERIC)
-    if begin == 54.0:  # it misses one turn: a single moment tells of it too
-        assert found.verdict.status != "consistent"
-        return
     assert found.verdict.status == "imu_suspect"
     said = of_kind(found, "stuck_axis")
     assert said.evidence.startswith("gyro y")
