@@ -94,7 +94,8 @@ def _decided(
     lost = [f for f in findings if f.kind == "control_lost"]
     judged = agreements[0]
     no_windows = next((f.evidence for f in findings if f.kind == "rate_too_low"), "") or too_few_windows(judged)
-    lacking = _lacking(findings, lost) if causes else _lacking(findings, lost, no_windows and unseen(best, no_windows))
+    too_little = "" if causes or not no_windows else unseen(best, no_windows)
+    lacking = _lacking(findings, lost, bool(causes), too_little)
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
     many = [one for one in agreements[1:] if one.windows >= num.MANY_WINDOWS]
@@ -219,12 +220,9 @@ def _not_excluded(best: BestEstimate | None) -> str:
     return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
 
 
-def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], too_little: str | None = None) -> str | None:
-    """Why nothing can be judged; None where it can.
-
-    too_little: why neither windows nor the best estimate tell; None where there is a cause, "" where they do.
-    """
-    if too_little is not None and (misled := next((f for f in lost if f.undecided), None)):
+def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], has_cause: bool, too_little: str) -> str | None:
+    """Why nothing can be judged; None where it can. too_little: why windows and best estimate do not tell, or ""."""
+    if not has_cause and (misled := next((f for f in lost if f.undecided), None)):
         return f"Loss of control: {misled.evidence}. No sensor fault was found before that."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
