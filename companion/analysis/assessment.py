@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.analysis.agreement import Agreement, agreement, while_judged
 from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
-from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
+from companion.analysis.budget import Expected, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
@@ -35,6 +35,7 @@ from companion.estimation import (
     BestEstimate,
     ConstantErrors,
     Explained,
+    chi_square,
     kind_of,
     other_reading,
     restored,
@@ -308,7 +309,9 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
     All windows of the flight share one draw of it: at its 99.9 % it has to reach no further than their 95 %.
     """
 
-    shared = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
+    shared = float(
+        np.sqrt(chi_square(3, num.Z_999) / chi_square(3, num.Z_95))
+    )  # what all windows share is allowed for so much more
 
     def left(part: SensorSpec, noise: float, sigma: Array, warms: float) -> SensorSpec:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))

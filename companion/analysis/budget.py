@@ -16,6 +16,7 @@ from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import InterpolationError
 from companion.constants import num
+from companion.estimation import chi_square
 from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation
 
@@ -129,24 +130,6 @@ def _solved(matrix: Array, right: Array) -> Array:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.full(right.shape, np.nan)
-
-
-def chi_square(k: int, z: float) -> float:
-    """The point of chi-square with k degrees of freedom that a normal passes at z (Wilson and Hilferty 1931).
-
-    z = 1.645 is 95 %, z = 3.09 is 99.9 %; within 1 % for k >= 3.
-    """
-    return float(k * (1 - 2 / (9 * k) + z * np.sqrt(2 / (9 * k))) ** 3)
-
-
-def chi_square_95(k: int) -> float:
-    """The 95 % point."""
-    return chi_square(k, num.Z_95)
-
-
-def chi_square_999(k: int) -> float:
-    """The 99.9 % point."""
-    return chi_square(k, num.Z_999)
 
 
 def stacked(comparison: Comparison, chosen: Windows) -> Array:
@@ -277,5 +260,5 @@ def expected_over(
         velocity_mps=sigma.get("velocity"),
         position_m=sigma.get("position"),
         shares={name: allowed.shares(block) for name, block in blocks.items()},
-        inside={name: float(np.mean(value < chi_square_95(3))) for name, value in normalised.items()},
+        inside={name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()},
     )

@@ -18,13 +18,14 @@ from typing import Final
 
 import numpy as np
 
-from companion.analysis.budget import Budget, budget, chi_square_95, nees, stacked, turn_jacobian
+from companion.analysis.budget import Budget, budget, nees, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.lasting_errors import Known, lasting_covariance
 from companion.analysis.reference import BoolArray
 from companion.constants import healthy, num
+from companion.estimation import chi_square
 from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
 
@@ -94,7 +95,7 @@ def calibrate(
             jacobian, covariance = _jacobian(expected, comparison, chosen)[:, :size], _rest(expected)[:, :size, :size]
         step, joint = _solve(error, jacobian, covariance, weight, prior, values)
         normalised = nees(error - jacobian @ step, covariance)
-        weight = np.minimum(1.0, chi_square_95(size) / np.maximum(normalised, 1e-12))
+        weight = np.minimum(1.0, chi_square(size, num.Z_95) / np.maximum(normalised, 1e-12))
         values = values + step[:_COUNT]
         moved = float((np.abs(step[:_COUNT]) / np.sqrt(np.diag(joint)[:_COUNT])).max())
         if moved < num.CAL_CONVERGED or (near and moved > num.CAL_SHORTER * before):

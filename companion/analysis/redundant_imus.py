@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95, nees, stacked
+from companion.analysis.budget import ATTITUDE, POSITION, budget, nees, stacked
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.constants import num
+from companion.estimation import chi_square
 from companion.model import Flight
 
 
@@ -48,7 +49,8 @@ def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpe
         error = stacked(comparison, chosen)
         blocks = {"attitude": ATTITUDE, "position": POSITION} if comparison.has_position else {"attitude": ATTITUDE}
         inside = {
-            name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square_95(3))) for name, b in blocks.items()
+            name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square(3, num.Z_95)))
+            for name, b in blocks.items()
         }
     row = drift_of(comparison, (num.JUDGED_S,)).rows[0]
     track = comparison.track

@@ -108,6 +108,8 @@ DIFF_GAP_S = 10.0  # after which the constant between two IMUs is free again
 DIFF_MAX_LAG = 10  # blocks over which a random walk is told from white noise: a step is in one of eight
 DIFF_REACH = 3  # blocks either way from whose median an outlier stands apart: a step does not
 DIFF_OUTLIER = 8.0  # median deviations: 5 σ of white noise
+CHI_SQUARE_HALVINGS = 50
+CHI_SQUARE_MANY = 100.0  # degrees of freedom, from which on the approximation is right to 4e-4
 CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 
 # Measurements and keyframes

@@ -2,6 +2,7 @@
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
+from companion.estimation.chi_square import chi_square
 from companion.estimation.clipping import clip_counters
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
@@ -83,6 +84,7 @@ __all__ = [
     "at_rest",
     "at_work",
     "between_samples",
+    "chi_square",
     "clip_counters",
     "confirmed_sampling",
     "coning",

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.constants import num
+from companion.estimation.chi_square import chi_square
 from companion.model import Array
 
 
@@ -157,7 +158,5 @@ def _coefficient(power: float, sigma: float, bound: float) -> Coefficient:
 
 def _chi_square_factors(freedom: Array) -> tuple[Array, Array]:
     """What a deviation is multiplied by for the ends of its 95 % interval."""
-    from scipy.special import gammaincinv  # noqa: PLC0415  (slow to import)
-
-    low, high = (2.0 * gammaincinv(0.5 * freedom, share) for share in (0.975, 0.025))
-    return np.sqrt(freedom / low), np.sqrt(freedom / np.maximum(high, 1e-12))
+    low, high = (np.array([chi_square(k, z) for k in freedom.tolist()]) for z in (num.Z_975, -num.Z_975))
+    return np.sqrt(freedom / low), np.sqrt(freedom / high)

@@ -87,8 +87,7 @@ def frequencies(length: int, rate_hz: float) -> Array:
 def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, window: str = "hann") -> Array:
     """One-sided power spectral density (S, F, ...) of each of the segments of values (N, ...) that start at `begin`.
 
-    Each without its mean and under a spectral window; it integrates to the variance. As scipy.signal.periodogram,
-    whose import would take longer than the analysis of a short log.
+    Each without its mean and under a spectral window; it integrates to the variance.
     """
     parts = values[begin[:, None] + np.arange(length)]
     phase = 2.0 * np.pi * np.arange(length) / length

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import chdtri
 
 from companion.analysis import GENERIC, ReferenceSpec, compare, windows
-from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
+from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, nees, stacked, window_noise
 from companion.strapdown import ImuModel, Sensor, motions, propagate, simulate
 from tests.flights import flight_of, seconds
 
@@ -132,11 +132,6 @@ def test_the_noise_in_flight_is_measured() -> None:
     comparison = compare(flight_of(MOTION), track=simulate(MOTION.imu, model, 1))
     measured = np.median(window_noise(comparison.track, windows(comparison, 5.0)), axis=0)
     assert measured == pytest.approx([2e-3, 0.05], rel=0.1)
-
-
-def test_chi_square_against_scipy() -> None:
-    for k in (3, 9):
-        assert chi_square_95(k) == pytest.approx(float(chdtri(k, 0.05)), rel=0.006)
 
 
 def test_a_window_whose_covariance_cannot_be_inverted_costs_no_other() -> None:

@@ -7,9 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.special import gammaincinv
 
-from companion.constants import num
 from companion.estimation import (
     Sampling,
     confirmed_sampling,
@@ -18,7 +16,6 @@ from companion.estimation import (
     sampling_of,
     white_noise,
 )
-from companion.estimation.noise_density import _quiet_share
 from companion.model import Array, ImuTrack
 from companion.simulate import fly
 from companion.strapdown import ImuModel, Sensor
@@ -151,9 +148,3 @@ def test_noise_below_quantisation_is_bounded(spread: float, mean: float) -> None
 def test_noise_of_several_steps_is_not_hidden() -> None:
     readings = np.trunc(1000.0 + 2.0 * np.random.default_rng(2).standard_normal(5000))
     assert quantisation_bound(readings, 1.0, 100.0, Sampling("point")) is None
-
-
-@pytest.mark.parametrize(("freedom", "within"), [(1.0, 0.05), (2.0, 0.02), (4.0, 0.01), (30.0, 1e-3), (500.0, 1e-4)])
-def test_the_quiet_part_of_few_spectra_is_that_of_chi_square(freedom: float, within: float) -> None:
-    exact = float(gammaincinv(0.5 * freedom, num.NOISE_QUANTILE) / (0.5 * freedom))
-    assert _quiet_share(freedom) == pytest.approx(exact, rel=within)
