@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -72,14 +72,11 @@ class Assessment:
 
     def expected_of(self, row: int) -> Expected | None:
         """The same of one row of the drift."""
-        if row not in self._expected:
-            self._expected[row] = expected_over(self.comparison, self.sets[row], self.figures, self.autopilot)
-        return self._expected[row]
+        return self._expected_once(row)
 
     @cached_property
-    def _expected(self) -> dict[int, Expected | None]:
-        """What was reckoned so far."""
-        return {}
+    def _expected_once(self) -> Callable[[int], Expected | None]:
+        return cache(lambda row: expected_over(self.comparison, self.sets[row], self.figures, self.autopilot))
 
     @property
     def calibration(self) -> Calibration | None:

@@ -25,6 +25,30 @@ from companion.strapdown import Preintegration, Propagation, Sums, error_sums, j
 IntArray = npt.NDArray[np.intp]
 
 
+class Passes:
+    """The passes over one track, each made when it is first asked for and kept."""
+
+    def __init__(self, track: ImuTrack, how: Integration) -> None:
+        self._track, self._how = track, how
+        self._coarse: tuple[IntArray, Preintegration] | None = None
+
+    @cached_property
+    def path(self) -> Preintegration:
+        """Carries any window."""
+        how = self._how
+        return preintegrate(self._track, method=how.method, middle=how.middle, segments=how.segments)
+
+    def coarse(self, wanted: IntArray, usual: IntArray) -> Preintegration:
+        """That of rk4's other middle sample, at the samples that are wanted and those that usually are; kept for all
+        whose samples are among them."""
+        if self._coarse is None or not np.isin(wanted, self._coarse[0]).all():
+            known = np.unique(np.concatenate([wanted, usual]))
+            other = "linear" if self._how.middle == "cubic" else "cubic"
+            whole = preintegrate(self._track, method="rk4", middle=other, segments=self._how.segments)
+            self._coarse = known, whole.at(known)
+        return self._coarse[1]
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The reckoning of one IMU and the autopilot's state at its samples."""
@@ -39,35 +63,24 @@ class Comparison:
     gaps: BoolArray  # (N-1,) intervals of the track that are a gap
     attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
     position_steps: Array  # (J, 2) s, jumps of its position
+    passes: Passes  # over the track
 
-    @cached_property
+    @property
     def path(self) -> Preintegration:
         """One pass over the track; carries any window."""
-        how = self.how
-        return preintegrate(self.track, method=how.method, middle=how.middle, segments=how.segments)
+        return self.passes.path
 
     def forgotten(self) -> Comparison:
         """The same without its passes over a long track, made anew when they are asked for: of an hour 60 MB."""
-        return self if len(self.track) < num.CACHED_SAMPLES else replace(self)
+        long = len(self.track) >= num.CACHED_SAMPLES
+        return replace(self, passes=Passes(self.track, self.how)) if long else self
 
     def coarse(self, *samples: IntArray) -> Preintegration:
         """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.
 
         It is made once for all windows of whole seconds, which begin and end on the same samples.
         """
-        wanted = np.unique(np.concatenate(samples))
-        if not any(np.isin(wanted, known).all() for known, _ in self._coarse):
-            seconds, ends = _grid(self, 1.0, None)
-            known = np.unique(np.concatenate([wanted, seconds, ends]))
-            other = "linear" if self.how.middle == "cubic" else "cubic"
-            whole = preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
-            self._coarse[:] = [(known, whole.at(known))]
-        return self._coarse[0][1]
-
-    @cached_property
-    def _coarse(self) -> list[tuple[IntArray, Preintegration]]:
-        """What was asked for last, and its samples."""
-        return []
+        return self.passes.coarse(np.unique(np.concatenate(samples)), self._seconds)
 
     def growth(self, chosen: Windows) -> Propagation:
         """How errors grow over windows. Those of whole seconds, of whatever length, share one pass over the track."""
@@ -99,18 +112,17 @@ class Comparison:
         """The same for other readings; the autopilot is looked at anew where their times are others."""
         if track is self.track:
             return self
+        own = replace(self, track=track, passes=Passes(track, self.how))
         if np.array_equal(track.t, self.track.t):
-            return replace(self, track=track)
+            return own
         limits = self.how.limits
         reference = reference_at(self.attitude, self.position, track.t, limits)
-        return replace(self, track=track, reference=reference, gaps=np.diff(track.t) > limits.longest_step(track.t))
+        return replace(own, reference=reference, gaps=np.diff(track.t) > limits.longest_step(track.t))
 
     def beside(self, reference: Reference) -> Comparison:
         """The same beside another judge, who never jumps; the pass over the track is as it was."""
         never = np.zeros((0, 2))
-        judged = replace(self, reference=reference, attitude_steps=never, position_steps=never)
-        judged.__dict__["path"] = self.path
-        return judged
+        return replace(self, reference=reference, attitude_steps=never, position_steps=never)
 
     @property
     def has_position(self) -> bool:
@@ -180,6 +192,7 @@ def compare(
         gaps=np.diff(track.t) > limits.longest_step(track.t),
         attitude_steps=attitude_jumps(attitude, limits),
         position_steps=position_jumps(position, limits) if position else np.zeros((0, 2)),
+        passes=Passes(track, how),
     )
     _ = made.path  # a method that there is not is said at once
     return made

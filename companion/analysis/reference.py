@@ -97,7 +97,7 @@ class Reference:
 
     def at(self, index: IntArray) -> States:
         """The states at some of the times."""
-        return self._all.rows(index) if "_all" in self.__dict__ else self.look_up(index)
+        return self.look_up(index)
 
     @property
     def q_ned_frd(self) -> Array:

@@ -185,12 +185,10 @@ def estimate(
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
-        del step  # its weights are as large as the motion of the next
     wide, roughly = noise if white else noise.louder(**coloured(linear)), 1.0
     for _ in range(num.FINAL_PASSES if polished else 0):
         del linear
-        point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)
-        del step  # noqa: F821
+        point, linear, _ = moved(step)
         step = Step.of(linear, point.sizes)
         if step.gain < num.CONVERGED_MISFIT:
             break
