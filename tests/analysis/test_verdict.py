@@ -255,6 +255,18 @@ def test_a_frozen_imu() -> None:
     assert of_kind(found, "frozen").start_s == pytest.approx(40, abs=0.1)
 
 
+def test_an_imu_at_rest_is_not_frozen_because_the_estimator_tilts() -> None:
+    """A simulated one, of no noise, whose motors are off while the attitude is corrected by some degrees."""
+    flight = flown()
+    imu = flight.imu()
+    gyro, accel = (frozen_from(40, readings, imu.t) for readings in (imu.gyro, imu.accel))
+    disarmed = replace(
+        with_imu(flight, gyro=gyro, accel=accel, gyro_step=0.0, accel_step=0.0),
+        events=(c.model.Event(flight.start - 1.0, "armed", "armed"), c.model.Event(39.9, "disarmed", "disarmed")),
+    )
+    assert "frozen" not in [f.kind for f in assess(disarmed, GENERIC).verdict.findings]
+
+
 def test_readings_from_before_the_estimator_has_aligned_are_not_judged() -> None:
     """A heading that is being set turns the attitude, and not the vehicle."""
     flight = flown(events=(c.model.Event(18.0, "armed", "armed"),))

@@ -36,7 +36,8 @@ from companion.model import Flight, ImuTrack, Series
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
-    faults = [*reading_findings(comparison.track, flight.require_attitude(), figures)]
+    track = comparison.track
+    faults = [*reading_findings(track, flight.require_attitude(), figures, flight.armed(track.t, track.t))]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     faults += stuck_findings(comparison, others)
     faults += meaning_findings(comparison)

@@ -15,9 +15,14 @@ from companion.model import Array, AttitudeTrack, ImuTrack, counted
 from companion.strapdown import quaternion
 
 
-def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
-    """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
-    yield from _frozen(track, attitude)
+def reading_findings(
+    track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec, armed: BoolArray | None = None
+) -> Iterator[Finding]:
+    """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range.
+
+    armed: (N,) whether the vehicle is, at the samples of the track; None where that is not known.
+    """
+    yield from _frozen(track, attitude, np.zeros(len(track), np.bool_) if armed is None else armed)
     for name, readings, step, full, unit in (
         ("gyro", track.gyro, track.gyro_step, imu.gyro.full_scale, "rad/s"),
         ("accel", track.accel, track.accel_step, imu.accel.full_scale, "m/s²"),
@@ -44,19 +49,25 @@ def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> 
             )
 
 
-def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
+def _frozen(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray) -> Iterator[Finding]:
     """Stretches in which no axis changes, of half a second or more, while the autopilot's attitude tilts.
 
     A vehicle at rest reads the same whole milli-units for ever, while the estimator may still correct its tilt. So
-    where no noise shows in the readings, the attitude has to turn by many of their steps a second.
+    where no noise shows in the readings, the attitude has to turn by many of their steps a second; and readings without
+    steps, as a simulator's, are none then. The noise is that with the motors as they are: some show it only in flight.
     """
     change = np.abs(np.diff(track.gyro, axis=0)).sum(axis=1) + np.abs(np.diff(track.accel, axis=0)).sum(axis=1)
     first, last = run_edges(np.asarray(change == 0))
     lasted = track.t[last + 1] - track.t[first]
     long = np.flatnonzero(lasted >= healthy.FROZEN_S)
-    left = change[beside(len(change), first[long], last[long])]
-    least_rate = 0.0 if never_repeats(np.asarray(left == 0), track.rate_hz) else check.MANY_STEPS * track.gyro_step
+    elsewhere = beside(len(change), first[long], last[long])
+    least = {}
+    for state in np.unique(armed[first[long]]):
+        left = change[elsewhere & (armed[:-1] == state)]
+        noisy = never_repeats(np.asarray(left == 0), track.rate_hz)
+        least[state] = 0.0 if noisy else check.MANY_STEPS * track.gyro_step or np.inf
     for i in long:
+        least_rate = least[armed[first[i]]]
         start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
         during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
         if during.stop - during.start < 3:
