@@ -199,29 +199,18 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
     In steady flight nothing changes, and the autopilot, whose attitude says what was to be felt, may be wrong itself.
     """
     sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
-    t, readings = sensor.t[stretch], sensor.readings[:, axes.axes]
+    t = sensor.t[stretch]
 
-    def enough(moved: Sequence[bool] | BoolArray) -> bool:
+    def enough(moved: Sequence[bool]) -> bool:
         return int(np.sum(moved)) >= min(2, len(axes.axes))
 
     meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
     meanwhile = [(o, during) for o, during in meanwhile if during.sum() > check.STUCK_MIN_SAMPLES]
-    if meanwhile and name == "accel":
-        level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
-        for other, during in meanwhile:
-            own = other.accel[during][:, axes.axes]
-            # two accelerometers differ by their biases, which may step: one that reads the same too feels nothing new
-            felt = own - np.median(other.accel[:, axes.axes], axis=0) + usual
-            moved = np.ptp(own, axis=0) > check.STEP_ROUNDING * (step + other.accel_step)
-            if enough(moved & (np.abs(felt - level).mean(axis=0) > check.FEW_STEPS * step)):
-                return True
-        return False
-    if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
-        return any(
-            enough([swing(evened(o.gyro[at, i], check.TURN_PART)) >= check.SOME_STEPS * step for i in axes.axes])
-            for o, at in meanwhile
-        )
-    return False
+    # what changed: a bias may step between its usual reading and this one, and a scale makes another level
+    return any(
+        enough([swing(evened(_read(o, name)[0][at, i], check.TURN_PART)) >= check.SOME_STEPS * step for i in axes.axes])
+        for o, at in meanwhile
+    )
 
 
 def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
