@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, assess
+from companion.analysis import GENERIC, Finding, assess
 from companion.analysis.comparison import compare
 from companion.analysis.findings.outages import interference_findings, outage_findings
 from companion.model import Flight, Series
@@ -31,9 +31,13 @@ def without(flight: Flight, *, position: tuple[float, float] = (0, 0), fixes: tu
     )
 
 
+def outages(flight: Flight) -> list[Finding]:
+    compared = compare(flight)
+    return list(outage_findings(flight, compared.track.t, compared.gaps))
+
+
 def lines(flight: Flight) -> list[tuple[str, float, float]]:
-    found = outage_findings(flight, compare(flight))
-    return [(f.kind, round(f.start_s, 1), round(f.end_s, 1)) for f in found]
+    return [(f.kind, round(f.start_s, 1), round(f.end_s, 1)) for f in outages(flight)]
 
 
 def test_a_flight_with_position_and_fixes_has_no_outage() -> None:
@@ -43,7 +47,7 @@ def test_a_flight_with_position_and_fixes_has_no_outage() -> None:
 
 def test_a_position_that_is_lost_is_told_once_with_the_fixes_that_it_lacked() -> None:
     flight = without(flown(CIRCLE), position=(30.0, 37.0), fixes=(25.0, 39.0))
-    (said,) = outage_findings(flight, compare(flight))
+    (said,) = outages(flight)
     assert said.kind == "position_lost"
     assert (said.start_s, said.end_s) == pytest.approx((30.0, 37.0), abs=0.2)
     assert "no GPS fix from 24." in said.evidence

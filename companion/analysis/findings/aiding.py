@@ -43,7 +43,7 @@ class _Sensor:
     reads: str  # in words, what a stretch of them is
 
 
-def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]:
+def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[Finding]]:
     """The flight without readings of aiding sensors that cannot be, and a finding for each such stretch.
 
     In flight alone. A stretch of n repetitions is frozen where a sensor in order would not repeat its readings so
@@ -111,7 +111,7 @@ def _gps(track: GpsTrack) -> _Sensor:
 
 
 def _frozen(
-    sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack, track: _Track
+    sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack | None, track: _Track
 ) -> Iterator[tuple[int, int]]:
     """First and last reading of the stretches in flight in which a sensor is frozen."""
     t = sensor.t
@@ -177,7 +177,7 @@ def _share(same: BoolArray) -> float:
     return float((same[: blocks * size].reshape(blocks, size).sum(axis=1).max() + 1.0) / (size + 2.0))
 
 
-def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack) -> bool:
+def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack | None) -> bool:
     """Whether another sensor says that the readings had to change by many steps in a stretch."""
     begin, end = float(track.t[part][0]), float(track.t[part][-1])
     if isinstance(track, GpsTrack):
@@ -194,8 +194,10 @@ def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, 
     )
 
 
-def _turned(field: Array, imu: ImuTrack, begin: float, end: float) -> float:
+def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> float:
     """By how much the gyro says that a field (3,) had to change in the body between two times (s), in its unit."""
+    if imu is None:
+        return 0.0
     during = slice(*np.searchsorted(imu.t, (begin, end)).tolist())
     if during.stop - during.start < 3:
         return 0.0

@@ -15,10 +15,11 @@ from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.deviations import estimator_deviations
 from companion.analysis.fault_interval import fault_intervals
 from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings.aiding import misled_by_frozen
+from companion.analysis.findings.aiding import misled_by_frozen, screened_aiding
 from companion.analysis.findings.axes import meaning_findings
+from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.installation import Installation, installation, level
-from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
 from companion.analysis.findings.noisier import noisier_findings
 from companion.analysis.findings.outages import interference_findings, outage_findings
 from companion.analysis.findings.readings import reading_findings
@@ -26,9 +27,10 @@ from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
-from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
+from companion.analysis.reference import Limits
 from companion.constants import check, harm, num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Series
@@ -41,6 +43,23 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> 
     faults += stuck_findings(comparison, others)
     faults += meaning_findings(comparison)
     return faults
+
+
+def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Finding]]:
+    """What stands out where there is no IMU to judge; and the flight without readings of aiding sensors that cannot be.
+
+    Of the autopilot and its aiding sensors alone: jumps, resets, times without a position, frozen sensors.
+    """
+    parts = phases(flight)
+    flight, found = screened_aiding(flight, None)
+    tracks = [track.t for track in (flight.attitude, flight.position) if track is not None and len(track) > 1]
+    if tracks:
+        heard = max(tracks, key=len)
+        found += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
+    found += [*interference_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
+    told = [with_reports(f, flight) for f in when_lost(found, flight, None, parts, GENERIC)]
+    landed = landed_at(parts) - check.HEARTBEAT_S
+    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in told]
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
@@ -93,7 +112,8 @@ def findings(
         f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
         for f in jump_findings(comparison, flight)
     ]
-    all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
+    heard, gaps = comparison.track.t, comparison.gaps
+    all_findings += [*outage_findings(flight, heard, gaps), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise

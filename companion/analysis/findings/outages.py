@@ -6,26 +6,26 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.phases import phases
-from companion.analysis.reference import length
+from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm
 from companion.model import Array, Flight, of_kind
 
 Span = tuple[float, float]  # s, boot clock
 
 
-def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
+def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[Finding]:
     """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
 
-    Only what had been there before is lost, and only while the IMU is in the log: a gap of the link says nothing.
+    Only what had been there before is lost, and only while the rest is in the log: a gap of the link says nothing.
+    heard: times (N,) s of the IMU, or where there is none of the attitude; gaps: (N-1,) where it was not heard.
     A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
     """
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
-    without_fix = _gaps(flight, comparison, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
+    without_fix = _gaps(flight, heard, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
     position = flight.position
-    lost = [] if position is None else _gaps(flight, comparison, position.t)
+    lost = [] if position is None else _gaps(flight, heard, gaps, position.t)
     for begin, end in lost:
         meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
         without_fix = [span for span in without_fix if span != meanwhile]
@@ -93,17 +93,17 @@ def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
     )
 
 
-def _gaps(flight: Flight, comparison: Comparison, t: Array) -> list[Span]:
-    """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the IMU is."""
+def _gaps(flight: Flight, heard: Array, gaps: BoolArray, t: Array) -> list[Span]:
+    """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the rest is."""
     if not len(t):
         return []
-    end = min(flight.start + flight.duration, float(comparison.track.t[-1]))
+    end = min(flight.start + flight.duration, float(heard[-1]))
     begins, ends = t, np.append(t[1:], max(end, t[-1]))
     out = []
     for begin, stop in np.column_stack([begins, ends])[ends - begins > harm.GPS_OUTAGE_S].tolist():
         for part in phases(flight):
             first, last = max(begin, part.start), min(stop, part.end)
-            if part.kind == "flight" and last - first - _unheard(comparison, first, last) > harm.GPS_OUTAGE_S:
+            if part.kind == "flight" and last - first - _unheard(heard, gaps, first, last) > harm.GPS_OUTAGE_S:
                 out.append((first, last))
     return out
 
@@ -112,8 +112,8 @@ def _overlap(one: Span, other: Span) -> float:
     return min(one[1], other[1]) - max(one[0], other[0])
 
 
-def _unheard(comparison: Comparison, start: float, end: float) -> float:
-    """For how long (s) the IMU's messages are missing too."""
-    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
-    missing = np.minimum(t[gaps + 1], end) - np.maximum(t[gaps], start)
+def _unheard(heard: Array, gaps: BoolArray, start: float, end: float) -> float:
+    """For how long (s) the rest is missing too."""
+    before = np.flatnonzero(gaps)
+    missing = np.minimum(heard[before + 1], end) - np.maximum(heard[before], start)
     return float(missing[missing > 0].sum())
