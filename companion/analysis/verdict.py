@@ -72,16 +72,18 @@ def decide(
     return replace(whole, probability=probability, flights=tuple(flights))
 
 
-def decide_without_imu(findings: tuple[Finding, ...], agreed: Sequence[str], why: str) -> Verdict:
-    """The autopilot's own errors, else what cannot be told; agreed: what agrees with what, why: no IMU is judged."""
+def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) -> Verdict:
+    """The autopilot's own errors, else what cannot be told.
+
+    agreement: what is to be said where nothing was found; why: no IMU is judged, in a sentence or two.
+    """
     unjudged = f"The IMU was not judged: {why}"
     causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
     if causes:
         first = _first(causes)
         told = f"Suspect the autopilot's estimate: {_headline(first)}. {unjudged}"
         return Verdict("autopilot_suspect", told, findings, _cause(first))
-    beside = f" ({', '.join(agreed)})" if agreed else ""
-    doubt = next((f.evidence for f in findings if f.undecided), f"no fault of the autopilot was found{beside}")
+    doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 
 

@@ -51,7 +51,10 @@ def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | N
     agreed = [words for one in apart if (words := _agreement(one))]
     if flight.gps and all(not f.kind.startswith("gps") for f in findings):
         agreed.append("the GPS moves as its own velocity says")
-    return decide_without_imu(findings, agreed, why)
+    beside = f" ({', '.join(agreed)})" if agreed else ""
+    compared = bool(apart) or flight.position is not None
+    agreement = "no fault of the autopilot was found" if compared else "nothing tells of the autopilot's estimate"
+    return decide_without_imu(findings, agreement + beside, why)
 
 
 def _confirmed(jump: Finding, disagreeing: Sequence[Finding]) -> Finding:

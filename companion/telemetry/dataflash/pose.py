@@ -68,13 +68,14 @@ def with_rates(
 
     A single sample that turns away and back, which these rates contradict, is left out and noted.
 
-    The log has none without bias, so they are the mean of the IMU around each time. bias: None where it is not told.
+    The log has none without bias, so they are the mean of the IMU around each time, and where there is no IMU those of
+    the attitude itself. bias: None where it is not told.
     """
     t, q, source = sampled
     instance = bias.imu_instance if bias is not None else None
     tracks = [track for track in imus.values() if len(track) > 1]
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
-    rates = np.zeros((len(t), 3)) if track is None else _mean_rates(t, track, bias)
+    rates = None if track is None else _mean_rates(t, track, bias)
     made = attitude_track(source, t, q, rates, notes)
     return None if made is None else replace(made, rates_told=False)
 
