@@ -304,6 +304,18 @@ DRIVER_SOURCES = (
 """Topics of single drivers, of which tracks are made where the selected sensors are others, and no series."""
 
 
+SDLOG2_SOURCES = (
+    Source("GPS", "gps", _of("lat_rad lon_rad", "Lat Lon", "deg") | _of("height_m horizontal_sigma_m vertical_sigma_m",
+           "Alt EPH EPV", "m") | _of(_NED_MPS, "VelN VelE VelD", "m/s") | _of("satellites fix_type", "nSat Fix")),
+    Source("GPS", "interference", _of("jamming_indicator", "J")),
+    *(Source(name, "magnetometer", _of(_TESLA, "MagX MagY MagZ", "gauss"), instance=i)
+      for i, name in enumerate(("IMU", "IMU1", "IMU2"))),
+    Source("SENS", "barometer", _of("pressure_pa", "BaroPres", "hPa") | _of("altitude_m", "BaroAlt", "m")
+           | _of("temperature_degc", "BaroTemp", "degC")),
+)  # fmt: skip
+"""Of PX4's log before .ulg."""
+
+
 def covariances(velocity: int) -> tuple[Source, ...]:
     """Variances of EKF2's velocity, which begin at a place in its covariances, and of its position behind them."""
     places = _of(f"{_SPEED} {_PLACE}", _each("covariances[{}]", range(velocity, velocity + 6)))
