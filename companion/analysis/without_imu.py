@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.deviations import at_first, least_deviation
 from companion.analysis.finding import Finding, by_severity, runs
-from companion.analysis.findings import autopilot_findings
+from companion.analysis.findings import autopilot_findings, with_reports
 from companion.analysis.loss_of_control import in_control
 from companion.analysis.phases import flown, phases
 from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at
@@ -34,7 +34,6 @@ class _Apart:
 
 _UNITS = {"heading": ("°", np.degrees(1.0)), "velocity": (" m/s", 1.0), "position": (" m", 1.0), "height": (" m", 1.0)}
 _NAMES = {"gps": "GPS", "compass": "compass"}
-_SHARE = 95.0  # percentile that says how far two agree
 
 
 def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | None:
@@ -42,12 +41,12 @@ def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | N
 
     why: the IMU is not judged, in a sentence or two.
     """
-    flight, found = autopilot_findings(flight, limits)
+    flight, own = autopilot_findings(flight, limits)
     apart = [one for one in (*_off_gps(flight, limits), *_off_compass(flight, limits)) if np.isfinite(one.off).any()]
-    disagreeing = [finding for one in apart for finding in _disagreements(one)]
-    if not apart and not found and flight.position is None and not flight.gps:
+    disagreeing = [with_reports(finding, flight) for one in apart for finding in _disagreements(one)]
+    if not apart and not own and flight.position is None and not flight.gps:
         return None
-    findings = by_severity([*(_confirmed(f, disagreeing) for f in found), *disagreeing])
+    findings = by_severity([*(_confirmed(f, disagreeing) for f in own), *disagreeing])
     agreed = [words for one in apart if (words := _agreement(one))]
     if flight.gps and all(not f.kind.startswith("gps") for f in findings):
         agreed.append("the GPS moves as its own velocity says")
@@ -161,6 +160,6 @@ def _disagreements(one: _Apart) -> Iterator[Finding]:
 def _agreement(one: _Apart) -> str:
     """How far the two agree, in words; "" where they do not."""
     unit, scale = _UNITS[one.quantity]
-    most = float(np.nanpercentile(one.off, _SHARE))
+    most = float(np.nanpercentile(one.off, check.AGREES_PERCENTILE))
     name = _NAMES[one.sensor]
     return f"{one.quantity} within {scale * most:.1f}{unit} of the {name}" if most < np.median(one.least) else ""

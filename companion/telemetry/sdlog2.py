@@ -119,7 +119,7 @@ def _timed(read: Mapping[str, Records]) -> dict[str, Records]:
 
 def _imu(one: Records, instance: int, notes: list[str]) -> ImuTrack:
     gyro, accel = (one.columns(*(f"{of}{axis}" for axis in "XYZ")) for of in ("Gyro", "Acc"))
-    good = gyro.any(axis=1) | accel.any(axis=1)
+    good = np.asarray(gyro.any(axis=1) | accel.any(axis=1))
     return replace(imu_track(one.name, one.t, gyro, accel, good, notes), instance=instance)
 
 

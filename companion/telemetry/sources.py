@@ -186,6 +186,7 @@ RECORD_SOURCES = (
     Source("GPS", "gps", _of("lat_rad lon_rad course_rad", "Lat Lng GCrs", "deg") | _of("height_m", "Alt", "m")
            | _of("speed_mps vd_mps", "Spd VZ", "m/s") | _of("satellites fix_type hdop", "NSats Status HDop")
            | GPS_ACCURACY, others=("GPS2",)),  # AP_GPS::GPS_Status has the numbers of GPS_FIX_TYPE
+    Source("UBX1", "interference", _of("jamming_indicator", "jamInd")),
     Source("MAG", "magnetometer", _of(_TESLA, "MagX MagY MagZ", "mgauss"), others=("MAG2", "MAG3"), sampled="S"),
     Source("IMU", "temperature", _of("temperature_degc", "T", "degC"), others=("IMU2", "IMU3")),
     Source("ARSP", "airspeed", _of("airspeed_mps", "Airspeed", "m/s") | _of("pressure_pa", "DiffPress", "Pa")

@@ -10,7 +10,7 @@ import pytest
 import companion as c
 from companion.analysis import GENERIC, Finding, assess
 from companion.analysis.comparison import compare
-from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.analysis.findings.outages import interference_findings, outage_findings, poor_gps_findings
 from companion.model import Flight, Series
 from tests.flights import CIRCLE, flown
 from tests.recordings import recording
@@ -84,6 +84,39 @@ def test_a_receiver_that_says_that_it_is_disturbed(state: int, indicator: int, s
     found = list(interference_findings(told))
     assert [f.evidence.partition("it is ")[2].partition(",")[0] for f in found] == said
     assert all((f.start_s, f.end_s) == pytest.approx((30.0, 40.0), abs=0.3) for f in found)
+
+
+@pytest.mark.parametrize(
+    ("source", "bit"), [("EKF_STATUS_REPORT", 15), ("ESTIMATOR_STATUS", 10), ("estimator_status", 10), ("XKF4[0]", 14)]
+)
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0])
+def test_an_estimator_that_rejects_its_gps_dead_reckons(source: str, bit: int, rate_hz: float) -> None:
+    t = np.arange(BEGIN, END, 1.0 / rate_hz)
+    for end, said in ((34.0, []), (42.0, ["dead_reckoned"])):
+        flags = np.where((t >= 30.0) & (t <= end), 0b11111 | 1 << bit, 0b11111).astype(float)
+        told = replace(flown(CIRCLE), series={"estimator": Series(t, flags[:, None], ("flags",), source)})
+        assert [kind for kind, *_ in lines(told)] == said
+    assert lines(told)[0][1:] == pytest.approx((30.0, 42.0), abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"satellites": 4.0}, ["4 satellites"]),
+        ({"horizontal_sigma": 12.0}, ["14 satellites", "±12.0 m"]),
+        ({"speed_sigma": 2.0}, ["±2.0 m/s"]),
+        ({"satellites": 7.0}, []),
+        ({"fix_type": 1.0}, []),
+    ],
+)
+def test_a_receiver_that_calls_its_fix_poor(changes: dict[str, float], said: list[str]) -> None:
+    flight = flown(CIRCLE)
+    (gps,) = flight.gps
+    poor = (gps.t > 30.0) & (gps.t < 40.0)
+    worse = {name: np.where(poor, value, getattr(gps, name)) for name, value in changes.items()}
+    found = list(poor_gps_findings(replace(flight, gps=(replace(gps, **worse),))))
+    assert len(found) == bool(said)
+    assert all(words in found[0].evidence for words in said)
 
 
 @pytest.mark.slow

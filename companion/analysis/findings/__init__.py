@@ -2,7 +2,7 @@
 
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.control import when_lost
-from companion.analysis.findings.detect import autopilot_findings, findings, reading_faults
+from companion.analysis.findings.detect import autopilot_findings, findings, reading_faults, with_reports
 from companion.analysis.findings.missed import missed_findings
 from companion.analysis.findings.sampling import rate_warning
 
@@ -14,4 +14,5 @@ __all__ = [
     "reading_faults",
     "screened_aiding",
     "when_lost",
+    "with_reports",
 ]

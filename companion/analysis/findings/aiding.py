@@ -59,6 +59,9 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
         for first, last in _frozen(sensor, aloft, flight, imu, track):
             kept[first + 1 : last + 1] = False
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
+        if isinstance(track, BarometerTrack):
+            kept &= ~(out := _beyond_range(track))
+            faults.extend(_out_of_range(track, out))
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
             faults.append(_inconsistent(track.source, float(track.t[first]), float(track.t[last])))
@@ -72,7 +75,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
     ]
     tracks: dict[str, Any] = {
         "compasses": tuple(without(one, _compass(one)) for one in flight.compasses),
-        "barometers": tuple(without(one, _barometer(one)) for one in flight.barometers),
+        "barometers": tuple(filter(len, (without(one, _barometer(one)) for one in flight.barometers))),
         "gps": tuple(without(one, _gps(one)) for one in flight.gps),
     }
     return (replace(flight, **tracks) if faults else flight), faults
@@ -148,6 +151,29 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
     for group in np.split(bad, np.flatnonzero(np.diff(t[bad]) > check.FIX_JUMPS_GROUPED_S) + 1):
         if len(group) >= check.FIX_JUMPS_MIN:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
+
+
+def _beyond_range(track: BarometerTrack) -> BoolArray:
+    """(N,) where a barometer is hotter or colder than any is made for."""
+    coldest, hottest = healthy.BAROMETER_DEGC
+    return np.asarray((track.temperature < coldest) | (track.temperature > hottest))
+
+
+def _out_of_range(track: BarometerTrack, out: BoolArray) -> Iterator[Finding]:
+    """Some readings are damage, and no more is said of these."""
+    warm, height = track.temperature[out], track.altitude[out]
+    if out.sum() < 2 or track.t[out][-1] - track.t[out][0] < healthy.EKF_UNFED_S:
+        return
+    yield Finding(
+        "barometer_out_of_range",
+        "data",
+        "warning",
+        float(track.t[out][0]),
+        float(track.t[out][-1]),
+        f"the barometer ({track.source}) reads {warm.min():.0f} to {warm.max():.0f} °C, which none is made for, and "
+        f"heights of {height.min():.0f} to {height.max():.0f} m: left out there",
+        "The sensor, its bus or its calibration is damaged: replace it. No autopilot can hold a height with it.",
+    )
 
 
 def _inconsistent(source: str, begin: float, end: float) -> Finding:

@@ -21,7 +21,7 @@ from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
 from companion.analysis.findings.noisier import noisier_findings
-from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.analysis.findings.outages import outage_findings, receiver_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
@@ -51,13 +51,13 @@ def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Fin
     Of the autopilot and its aiding sensors alone: jumps, resets, times without a position, frozen sensors.
     """
     parts = phases(flight)
-    flight, found = screened_aiding(flight, None)
+    flight, all_findings = screened_aiding(flight, None)
     tracks = [track.t for track in (flight.attitude, flight.position) if track is not None and len(track) > 1]
     if tracks:
         heard = max(tracks, key=len)
-        found += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
-    found += [*interference_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
-    told = [with_reports(f, flight) for f in when_lost(found, flight, None, parts, GENERIC)]
+        all_findings += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
+    all_findings += [*receiver_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
+    told = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
     landed = landed_at(parts) - check.HEARTBEAT_S
     return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in told]
 
@@ -112,8 +112,7 @@ def findings(
         f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
         for f in jump_findings(comparison, flight)
     ]
-    heard, gaps = comparison.track.t, comparison.gaps
-    all_findings += [*outage_findings(flight, heard, gaps), *interference_findings(flight)]
+    all_findings += [*outage_findings(flight, comparison.track.t, comparison.gaps), *receiver_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
@@ -268,14 +267,20 @@ _RATIOS = {
 def with_reports(finding: Finding, flight: Flight) -> Finding:
     """The finding with what the vehicle said at that time, and how its estimator saw itself.
 
-    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised.
+    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised, once
+    it has taken off, whenever that began.
     """
-    if finding.side != "autopilot" and not finding.kind.startswith("compass"):
+    of_compass = finding.kind.startswith("compass")
+    if finding.side != "autopilot" and not of_compass:
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
     said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
     said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
-    during = [(t, text) for t, text in said if begin - check.BEFORE_S <= t <= end + check.AFTER_S]
+    during = [
+        (t, text)
+        for t, text in said
+        if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
+    ]
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
     words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
     evidence = [finding.evidence]

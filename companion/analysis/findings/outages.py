@@ -30,16 +30,78 @@ def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[F
         meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
         without_fix = [span for span in without_fix if span != meanwhile]
         yield _lost(flight, (begin, end), meanwhile)
-    for begin, end in without_fix if position is not None else ():
-        yield Finding(
-            "dead_reckoned",
-            "data",
-            "warning",
-            begin,
-            end,
-            f"no GPS fix for {end - begin:.1f} s; the autopilot's position is dead-reckoned, or of other sensors",
-            "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t².",
-        )
+    for span in without_fix if position is not None else ():
+        yield _dead_reckoned(span, "no GPS fix for", "the autopilot's position is dead-reckoned, or of other sensors")
+    for span in _rejected(flight) if position is not None else ():
+        if not any(_overlap(span, other) > 0.0 for other in (*lost, *without_fix)):
+            yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS for", "it dead-reckons")
+
+
+def _dead_reckoned(span: Span, why: str, then: str) -> Finding:
+    begin, end = span
+    words = f"{why} {end - begin:.1f} s; {then}"
+    advice = "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t²."
+    return Finding("dead_reckoned", "data", "warning", begin, end, words, advice)
+
+
+def _rejected(flight: Flight) -> Iterator[Span]:
+    """Where in flight the estimator says without a break, for more than 5 s, that it rejects its GPS."""
+    one = flight.series.get("estimator")
+    bits = 0 if one is None else check.GPS_REJECTED.get(one.source.partition("[")[0], 0)
+    if one is None or not bits or "flags" not in one.columns:
+        return
+    rejecting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
+    yield from _long(flight, one.t, rejecting)
+
+
+def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
+    """A receiver that has fixes, and says for more than 5 s in flight that they are poor.
+
+    By its satellites and accuracies, by which EKF3 would not begin with it. One without any fix is told elsewhere.
+    """
+    for one in flight.gps:
+        poor = (one.satellites < harm.GPS_SATELLITES) | (one.fix_type < check.FIX_3D)
+        for name, most in harm.GPS_POOR.items():
+            poor |= getattr(one, name) > most
+        for begin, end in _long(flight, one.t, poor):
+            during = (one.t >= begin) & (one.t <= end)
+            if (one.fix_type[during] < check.FIX_3D).all():
+                continue
+            words = [f"{least:.0f} satellites" for least in [np.min(one.satellites[during])] if np.isfinite(least)]
+            for name, (what, unit) in _SIGMAS.items():
+                most = float(np.nan_to_num(getattr(one, name)[during]).max())
+                words += [f"{what} ±{most:.1f} {unit}"] if most > 0.0 else []
+            yield Finding(
+                "gps_poor",
+                "data",
+                "warning",
+                begin,
+                end,
+                f"the GPS ({one.source}) calls its fix poor for {end - begin:.1f} s; at worst {', '.join(words)}",
+                "Look at the antenna's view of the sky, and at what sends or switches near it.",
+            )
+
+
+_SIGMAS = {"horizontal_sigma": ("level", "m"), "vertical_sigma": ("height", "m"), "speed_sigma": ("speed", "m/s")}
+
+
+def _long(flight: Flight, t: Array, where: BoolArray) -> Iterator[Span]:
+    """Stretches of more than 5 s in flight in which something is so, s; what is not so for less than a second is."""
+    for part in phases(flight):
+        inside = np.flatnonzero(where & (t >= part.start) & (t <= part.end)) if part.kind == "flight" else ()
+        if len(inside):
+            apart = np.diff(t[inside])
+            ends = (apart > harm.GPS_OUTAGE_S) | ((np.diff(inside) > 1) & (apart > check.GROUPED_S))
+            for group in np.split(inside, np.flatnonzero(ends) + 1):
+                begin, end = float(t[group[0]]), float(t[group[-1]])
+                if end - begin > harm.GPS_OUTAGE_S:
+                    yield begin, end
+
+
+def receiver_findings(flight: Flight) -> Iterator[Finding]:
+    """What the receivers say themselves: that they are disturbed, or have no good fix."""
+    yield from interference_findings(flight)
+    yield from poor_gps_findings(flight)
 
 
 def interference_findings(flight: Flight) -> Iterator[Finding]:
