@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,7 +114,7 @@ def test_a_receiver_that_calls_its_fix_poor(changes: dict[str, float], said: lis
     flight = flown(CIRCLE)
     (gps,) = flight.gps
     poor = (gps.t > 30.0) & (gps.t < 40.0)
-    worse = {name: np.where(poor, value, getattr(gps, name)) for name, value in changes.items()}
+    worse: dict[str, Any] = {name: np.where(poor, value, getattr(gps, name)) for name, value in changes.items()}
     found = list(poor_gps_findings(replace(flight, gps=(replace(gps, **worse),))))
     assert len(found) == bool(said)
     assert all(words in found[0].evidence for words in said)
