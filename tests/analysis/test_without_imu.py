@@ -10,7 +10,7 @@ import pytest
 
 import companion as c
 from companion.analysis import Limits, Verdict, verdict_without_imu
-from companion.model import EstimatorReset, Flight
+from companion.model import EstimatorReset, Flight, StatusText
 from companion.strapdown import quaternion
 from tests.flights import CIRCLE, flown, moved_north
 from tests.recordings import recording
@@ -96,6 +96,13 @@ def test_whatever_is_left_is_judged(without: dict[str, Any]) -> None:
 def test_where_nothing_is_left_there_is_no_verdict() -> None:
     bare = replace(flown(CIRCLE), imus={}, position=None, gps=(), compasses=(), barometers=())
     assert verdict_without_imu(bare, WHY, Limits()) is None
+
+
+def test_a_ground_mag_anomaly_speaks_against_the_compass_whenever_it_was_said() -> None:
+    text = "EKF3 IMU0 MAG0 ground mag anomaly, yaw re-aligned"
+    flight = replace(turned(flown(CIRCLE), 45.0, 0.8), texts=(StatusText(11.0, 4, text),))
+    (compass,) = (f for f in verdict(flight).findings if f.kind == "compass_disagrees")
+    assert text in compass.evidence
 
 
 @pytest.mark.slow
