@@ -100,6 +100,14 @@ def test_an_estimator_that_rejects_its_gps_dead_reckons(source: str, bit: int, r
     assert lines(told)[0][1:] == pytest.approx((30.0, 42.0), abs=0.2)
 
 
+@pytest.mark.parametrize(("flags", "says"), [(0b00111, True), (0b11111, False), (np.nan, False)])
+def test_a_position_that_never_was_valid_is_said_and_accuses_nobody(flags: float, *, says: bool) -> None:
+    t = np.arange(BEGIN, END, 0.2)
+    series = {"estimator": Series(t, np.full((len(t), 1), flags), ("flags",), "ESTIMATOR_STATUS")}
+    said = outages(flown(CIRCLE, position=None, series=series))
+    assert [(f.side, f.severity, f.undecided) for f in said] == [("data", "info", False)] * says
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

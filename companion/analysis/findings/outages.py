@@ -25,6 +25,8 @@ def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[F
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
     without_fix = _gaps(flight, heard, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
     position = flight.position
+    if position is None:
+        yield from _never_valid(flight)
     lost = [] if position is None else _gaps(flight, heard, gaps, position.t)
     for begin, end in lost:
         meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
@@ -35,6 +37,18 @@ def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[F
     for span in _rejected(flight) if position is not None else ():
         if not any(_overlap(span, other) > 0.0 for other in (*lost, *without_fix)):
             yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS for", "it dead-reckons")
+
+
+def _never_valid(flight: Flight) -> Iterator[Finding]:
+    """That the estimator never called its position valid in flight, by its own flags: it was never lost."""
+    estimator, aloft = flight.series.get("estimator"), [part for part in phases(flight) if part.kind == "flight"]
+    if estimator is None or "flags" not in estimator.columns or not aloft:
+        return
+    flags, begin, end = estimator["flags"], aloft[0].start, aloft[-1].end
+    told = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
+    if len(told) and not (told & check.POSITION_VALID).any():
+        words = f"no valid position in flight, by the estimator's own flags ({estimator.source}): it is not judged"
+        yield Finding("position_lost", "data", "info", begin, end, words, "")
 
 
 def _dead_reckoned(span: Span, why: str, then: str) -> Finding:

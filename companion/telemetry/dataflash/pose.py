@@ -25,6 +25,7 @@ from companion.model import (
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.outliers import BoolArray
+from companion.telemetry.parameters import NOT_EKF
 from companion.telemetry.samples import attitude_track, attitudes, place, position_track
 from companion.telemetry.validity import has_position
 
@@ -102,6 +103,10 @@ def position(
     if by_dcm(parameters):
         notes.append(f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM")
         return None
+    if (kind := parameters.get("AHRS_EKF_TYPE", np.nan)) in NOT_EKF:
+        notes.append(
+            f"AHRS_EKF_TYPE: the vehicle flew by {NOT_EKF[kind]}: {one.name}'s EKF, which is judged, only ran along"
+        )
     ned, velocity = (
         np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
     )
