@@ -128,6 +128,16 @@ def test_a_receiver_that_calls_its_fix_poor(changes: dict[str, float], said: lis
     assert all(words in found[0].evidence for words in said)
 
 
+def test_a_receiver_that_never_has_a_fix_is_said() -> None:
+    t = np.arange(BEGIN, END, 0.2)
+    none = Series(
+        t, np.column_stack([np.full(len(t), np.nan), np.arange(len(t)) % 4.0]), ("lat_rad", "satellites"), "GPS"
+    )
+    (said,) = poor_gps_findings(replace(flown(CIRCLE), gps=(), series={"gps": none}))
+    assert said.severity == "info"
+    assert "never has a fix: 3 satellites" in said.evidence
+
+
 @pytest.mark.slow
 def test_who_lost_its_position_is_neither_accused_nor_called_consistent() -> None:
     found = assess(without(flown(CIRCLE), position=(30.0, 37.0)), GENERIC)

@@ -71,8 +71,12 @@ def _rejected(flight: Flight) -> Iterator[Span]:
 def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
     """A receiver that has fixes, and says for more than 5 s in flight that they are poor.
 
-    By its satellites and accuracies, by which EKF3 would not begin with it. One without any fix is told elsewhere.
+    By its satellites and accuracies, by which EKF3 would not begin with it. And one that never has a fix.
     """
+    series = None if flight.gps else next(of_kind(flight.series, "gps"), None)
+    if series is not None and len(series) and np.isnan(series["lat_rad"]).all():
+        words = f"the GPS ({series.source}) never has a fix: {np.nan_to_num(series['satellites']).max():.0f} satellites"
+        yield Finding("gps_poor", "data", "info", float(series.t[0]), float(series.t[-1]), f"{words} at most", "")
     for one in flight.gps:
         poor = (one.satellites < harm.GPS_SATELLITES) | (one.fix_type < check.FIX_3D)
         for name, most in harm.GPS_POOR.items():
