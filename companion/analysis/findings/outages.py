@@ -75,8 +75,8 @@ def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
     """
     series = None if flight.gps else next(of_kind(flight.series, "gps"), None)
     if series is not None and len(series) and np.isnan(series["lat_rad"]).all():
-        words = f"the GPS ({series.source}) never has a fix: {np.nan_to_num(series['satellites']).max():.0f} satellites"
-        yield Finding("gps_poor", "data", "info", float(series.t[0]), float(series.t[-1]), f"{words} at most", "")
+        none = f"the GPS ({series.source}) never has a fix: {np.nan_to_num(series['satellites']).max():.0f} satellites"
+        yield Finding("gps_poor", "data", "info", float(series.t[0]), float(series.t[-1]), f"{none} at most", "")
     for one in flight.gps:
         poor = (one.satellites < harm.GPS_SATELLITES) | (one.fix_type < check.FIX_3D)
         for name, most in harm.GPS_POOR.items():
