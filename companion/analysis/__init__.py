@@ -56,6 +56,7 @@ from companion.analysis.replay import Continued, Replay, extend, replay, replay_
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
 from companion.analysis.verdict import FlightVerdict, Verdict, lasting
+from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S
 
 __all__ = [
@@ -149,5 +150,6 @@ __all__ = [
     "trailing",
     "used_aiding",
     "used_imus",
+    "verdict_without_imu",
     "windows",
 ]

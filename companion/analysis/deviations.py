@@ -66,7 +66,7 @@ def estimator_deviations(
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
         speed = length((reference.velocity - best.velocity)[:, :2])
-        place = length(moved - _at_first(moved, known, which))
+        place = length(moved - at_first(moved, known, which))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, _together(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull, between.velocity)
@@ -74,7 +74,7 @@ def estimator_deviations(
     if {"gps_height", "barometer"} <= best.residuals.keys() and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
-        off["height"] = np.abs(above - _at_first(above, known, which)), height
+        off["height"] = np.abs(above - at_first(above, known, which)), height
     deviations: list[EstimatorDeviation] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, healthy.AP_SIGMA[name])
@@ -148,7 +148,7 @@ def _early(where: BoolArray) -> IntArray:
     return mine[: max(5, int(0.1 * len(mine)))]
 
 
-def _at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
+def at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
     """(K, ...) the median of values (K, ...) when each flight (K,) began: arming may set an estimator's zero anew.
 
     ArduCopter: `resetHeightDatum`, AP_Arming_Copter.cpp.

@@ -129,10 +129,10 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
         raise DataError("an attitude track needs a sample")
     if position is not None and not len(position):
         position = None
-    attitude_known = _known(attitude.t, t, limits.longest_step(attitude.t))
+    attitude_known = known_at(attitude.t, t, limits.longest_step(attitude.t))
     position_known = np.zeros(len(t), np.bool_)
     if position is not None:
-        position_known = attitude_known & _known(position.t, t, limits.longest_step(position.t))
+        position_known = attitude_known & known_at(position.t, t, limits.longest_step(position.t))
     return Reference(
         t,
         attitude_known,
@@ -260,7 +260,7 @@ def _bracket(samples: Array, t: Array) -> tuple[IntArray, Array]:
     return i, np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
 
 
-def _known(samples: Array, t: Array, gap: float) -> BoolArray:
+def known_at(samples: Array, t: Array, gap: float) -> BoolArray:
     """Whether each t lies between two samples without a gap, s, between them."""
     whole = np.append(np.diff(samples) <= gap, gap >= 0.0)
     return np.asarray((t >= samples[0]) & (t <= samples[-1]) & whole[_before(samples, t)])

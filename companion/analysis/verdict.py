@@ -72,6 +72,21 @@ def decide(
     return replace(whole, probability=probability, flights=tuple(flights))
 
 
+def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) -> Verdict:
+    """The autopilot's own errors, else what cannot be told.
+
+    agreement: what is to be said where nothing was found; why: no IMU is judged, in a sentence or two.
+    """
+    unjudged = f"The IMU was not judged: {why}"
+    causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
+    if causes:
+        first = _first(causes)
+        told = f"Suspect the autopilot's estimate: {_headline(first)}. {unjudged}"
+        return Verdict("autopilot_suspect", told, findings, _cause(first))
+    doubt = next((f.evidence for f in findings if f.undecided), agreement)
+    return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
+
+
 def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding]) -> Mapping[str, float]:
     """Beside the sensors the autopilot: that its estimate is in error by itself, where no sensor has a fault."""
     if not probability:

@@ -31,6 +31,7 @@ from companion.analysis import (
     gravity_for,
     imu_noise,
     reported_by,
+    verdict_without_imu,
 )
 from companion.app.correction import load_correction
 from companion.app.resources import one_blas_thread
@@ -78,7 +79,8 @@ class Unexamined:
     """A flight that lacks what an examination needs."""
 
     flight: Flight
-    verdict: Verdict  # what is missing, and what to ask for
+    verdict: Verdict  # what the rest of it says, what is missing, and what to ask for
+    says_something: bool  # the rest of it; nothing was analysed otherwise
     gaps: Mapping[str, int]  # gaps of each IMU message
 
 
@@ -147,8 +149,10 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
         flight.imu()
         flight.require_attitude()
     except DataError as error:
-        verdict = Verdict("insufficient_data", f"Cannot tell: {error}", ())
-        return Unexamined(flight, verdict, _gaps(flight, limits_of(settings)))
+        limits = limits_of(settings)
+        verdict = verdict_without_imu(flight, str(error), limits)
+        nothing = Verdict("insufficient_data", f"Cannot tell: {error}", ())
+        return Unexamined(flight, verdict or nothing, verdict is not None, _gaps(flight, limits))
     return None
 
 

@@ -24,10 +24,13 @@ from companion.model import Flight, SettingsError
 from companion.telemetry import (
     NEEDED,
     RECORDS,
+    SDLOG2_RECORDS,
     TOPICS,
     NonVehicle,
     dataflash_flight,
     flights,
+    is_sdlog2,
+    sdlog2_flight,
     ulog_flight,
     why_no_flight,
 )
@@ -119,23 +122,29 @@ def read_recording(
 
 
 def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:
-    types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
     log = read_ulog(path, names=TOPICS, progress=progress, most_bytes=most_bytes)
     source, topics = _source(log), list(log.topics)
     log = replace(log, topics=())  # `ulog_flight` lets go of what it has read
-    return Recording(source, (ulog_flight(log, topics, types),))
+    return Recording(source, (ulog_flight(log, topics, _vehicle_types(dialect)),))
 
 
 def _read_dataflash(
     path: Path, kind: str, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None, most_bytes: int
 ) -> Recording:
     read = read_dataflash if kind == "dataflash" else read_dataflash_text
-    log = read(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
+    log = read(path, names=RECORDS | SDLOG2_RECORDS, progress=progress, most_bytes=most_bytes)
     source = _source(log)
+    if is_sdlog2(log.messages):
+        return Recording(source, (sdlog2_flight(log.messages, _vehicle_types(dialect)),))
     records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
     del log  # `dataflash_flight` lets go of what it has read
     flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
     return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
+
+
+def _vehicle_types(dialect: Dialect) -> dict[int, str]:
+    """The names of MAV_TYPE."""
+    return {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
 
 
 def open_log(

@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
     if (lacking := unexaminable(flight, settings)) is not None:
-        return _refuse(lacking, recording.source, as_json=arguments.json)
+        return _without_imu(lacking, recording.source, arguments)
     examined = examine(
         flight,
         settings,
@@ -93,12 +93,17 @@ def run(arguments: argparse.Namespace) -> int:
     return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
 
 
-def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
-    """The verdict on a flight that cannot be examined, and an exit code that no script takes for an analysis."""
-    if as_json:
+def _without_imu(lacking: Unexamined, source: Source, arguments: argparse.Namespace) -> int:
+    """The verdict on a flight of which no IMU can be judged.
+
+    Where nothing else can either, an exit code that no script takes for an analysis.
+    """
+    if arguments.json:
         print(encode(unexamined_document(source, lacking)))
     else:
         tables.console().lines(*tables.verdict_lines(lacking.verdict))
+    if lacking.says_something:
+        return options.exit_code(arguments.fail_on, [lacking.verdict.status])
     options.say(
         f"companion: nothing was analysed. What the log has: companion info {'-' if source.kept_in else source.path}"
     )

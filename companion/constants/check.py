@@ -22,6 +22,7 @@ AFTER_S = 15.0  # once the estimator has noticed
 MAX_QUOTED = 2
 
 # Aiding sensors and jumps
+AGREES_PERCENTILE = 95.0  # of what the autopilot is off an aiding sensor by: says how far the two agree
 REPEATS_BLOCK = 20  # readings;
 REPEATS_MIN_BLOCKS = 10  # outside of such stretches that tell how often one is repeated
 REPEATS_SELDOM = 0.5  # above it one repetition makes the next likelier, and chance is not told by their share
@@ -34,6 +35,11 @@ YAW_STEP_RATE_HZ = 20.0  # below it a turn between two samples looks like a step
 YAW_STEP_S = 0.2  # windows in which a heading step is searched for
 GROUPED_S = 1.0  # jumps, and shocks, closer than this are one finding
 FIX_3D = 3  # GPS_FIX_TYPE
+# EKF_STATUS_FLAGS and nav_filter_status (GPS glitching, dead reckoning), ESTIMATOR_STATUS_FLAGS (GPS glitch)
+GPS_REJECTED = {
+    "EKF_STATUS_REPORT": 1 << 15, "XKF4": 1 << 14 | 1 << 18, "NKF4": 1 << 14, "ESTIMATOR_STATUS": 1 << 10,
+    "estimator_status": 1 << 10,
+}  # fmt: skip
 JAMMED = 2  # jamming_state and spoofing_state: 0 unknown, 1 none, 2 mitigated or indicated, 3 detected or multiple
 
 # Axes

@@ -35,6 +35,9 @@ FLOWN_M = 2.0  # a flight is higher than this
 FROZEN_MPS = 1.0  # by GPS: a gyro that reads a turn at rest is off itself
 FIX_JUMP_M = 10.0  # beyond what velocities say: far more than what two fixes of a healthy receiver differ by
 GPS_OUTAGE_S = 5.0  # an accelerometer that is off by 0.1 m/s² has moved a dead-reckoned position by 1.25 m then
+# m, m/s: with more, or fewer satellites, EKF3 does not begin with a GPS (ArduPilot AP_NavEKF3_VehicleStatus.cpp)
+GPS_POOR = {"horizontal_sigma": 5.0, "vertical_sigma": 7.5, "speed_sigma": 1.0}
+GPS_SATELLITES = 6
 JAMMING = 80.0  # of 255 (PX4 User Guide, Log Analysis using Flight Review: above it is too much interference)
 
 # Axes

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from companion.analysis import Finding, Replay, by_severity, errors, replay, windows
+from companion.analysis import Finding, Replay, Verdict, by_severity, errors, replay, windows
 from companion.model import Array, CompanionError
 from companion.present import FindingGroup, details, palette, paragraph, ranked, table, text, words
 from companion.report import traces
@@ -36,10 +36,26 @@ def findings(subject: Subject) -> Section:
     return Section("findings", "Findings", "".join(parts))
 
 
-def _drawn(subject: Subject, group: FindingGroup) -> str:
+def bare_findings(verdict: Verdict) -> Section:
+    """The same of a flight that cannot be examined: without charts."""
+    groups, _ = ranked(by_severity(verdict.findings))
+    said = "".join(_article(group, "") for group in groups)
+    return Section("findings", "Findings", said or paragraph("Nothing stands out in what the log has."))
+
+
+def _article(group: FindingGroup, chart: str) -> str:
     finding = group.worst
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
+    return (
+        f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
+        f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
+        f"{paragraph(str(group))}{advice}{chart}</article>"
+    )
+
+
+def _drawn(subject: Subject, group: FindingGroup) -> str:
+    finding = group.worst
     margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
     first, last = subject.ends
     around = max(finding.start_s - margin, first), min(finding.end_s + margin, last)
@@ -50,11 +66,7 @@ def _drawn(subject: Subject, group: FindingGroup) -> str:
             spans = [] if subject.is_throughout(finding) else [(finding.start_s, finding.end_s)]
             figure = traces.stack(panels, traces.TIME, spans=spans, range=list(around))
             chart = subject.charts.add(figure, caption, rows=len(panels))
-    return (
-        f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
-        f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
-        f"{paragraph(str(group))}{advice}{chart}</article>"
-    )
+    return _article(group, chart)
 
 
 def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tuple[list[traces.Panel], str]:

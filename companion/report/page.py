@@ -11,7 +11,7 @@ from companion.documents import analysis_document, encode
 from companion.present import palette, paragraph
 from companion.report import drift, errors_over_time, noise, provenance, sensors, vibration
 from companion.report.charts import Charts
-from companion.report.findings import findings
+from companion.report.findings import bare_findings, findings
 from companion.report.html_page import Section, sheet
 from companion.report.subject import Subject, subject_of
 from companion.report.summary import bare_head, head
@@ -87,6 +87,7 @@ def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None 
     charts, flight = Charts(), unexamined.flight
     first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
     sections = [
+        *([bare_findings(unexamined.verdict)] if unexamined.says_something else []),
         track(flight, None, palette.IMU, charts),
         provenance.log_facts(source, flight, unexamined.gaps, flight.notes),
         provenance.again(source, settings or Settings(), command),

@@ -3,6 +3,7 @@
 from companion.telemetry.dataflash import RECORDS, dataflash_flight, why_no_flight
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.parameters import id_parameters
+from companion.telemetry.sdlog2 import SDLOG2_RECORDS, is_sdlog2, sdlog2_flight
 from companion.telemetry.split import NonVehicle
 from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import TOPICS, ulog_flight
@@ -10,12 +11,15 @@ from companion.telemetry.ulog import TOPICS, ulog_flight
 __all__ = [
     "NEEDED",
     "RECORDS",
+    "SDLOG2_RECORDS",
     "TOPICS",
     "NonVehicle",
     "Stream",
     "dataflash_flight",
     "flights",
     "id_parameters",
+    "is_sdlog2",
+    "sdlog2_flight",
     "ulog_flight",
     "why_no_flight",
 ]

@@ -32,7 +32,7 @@ from companion.telemetry.clock import Clock, boot_seconds, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
 from companion.telemetry.lazy import LazyTuple
-from companion.telemetry.parameters import declination, of_instance, setting_names, values_of
+from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
 from companion.telemetry.validity import valid_position
@@ -239,14 +239,10 @@ def _doubts(flight: Flight, imus: Mapping[str, ImuTrack]) -> list[str]:
     doubts = []
     if imus and "AHRS_TRIM_X" not in flight.parameters:
         doubts.append("AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it")
-    estimator = _NOT_EKF.get(flight.parameters.get("AHRS_EKF_TYPE", np.nan))
+    estimator = NOT_EKF.get(flight.parameters.get("AHRS_EKF_TYPE", np.nan))
     if estimator is not None:
         doubts.append(f"AHRS_EKF_TYPE: attitude and position are those of {estimator}, and not of an EKF")
     return doubts
-
-
-_NOT_EKF: Mapping[float, str] = {0.0: "DCM", 10.0: "the simulator, its truth", 11.0: "an external AHRS"}
-"""AHRS_EKF_TYPE → whose the attitude is (ArduPilot `AP_AHRS/AP_AHRS.h`, EKFType)."""
 
 
 def _is_ardupilot(vehicle: Vehicle) -> bool:

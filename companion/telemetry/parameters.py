@@ -124,6 +124,9 @@ def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -
     return int(next((parameters[name] for name in names if name in parameters), otherwise))
 
 
+NOT_EKF: Mapping[float, str] = {0.0: "DCM", 10.0: "the simulator, its truth", 11.0: "an external AHRS"}
+"""AHRS_EKF_TYPE → by whom the vehicle flies in place of an EKF (ArduPilot `AP_AHRS/AP_AHRS.h`, EKFType)."""
+
 _NAMES: Mapping[str, SettingNames] = {
     "ARDUPILOTMEGA": SettingNames(
         full_rate=" (LOG_BITMASK: fast or raw IMU)",

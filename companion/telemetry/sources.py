@@ -186,6 +186,7 @@ RECORD_SOURCES = (
     Source("GPS", "gps", _of("lat_rad lon_rad course_rad", "Lat Lng GCrs", "deg") | _of("height_m", "Alt", "m")
            | _of("speed_mps vd_mps", "Spd VZ", "m/s") | _of("satellites fix_type hdop", "NSats Status HDop")
            | GPS_ACCURACY, others=("GPS2",)),  # AP_GPS::GPS_Status has the numbers of GPS_FIX_TYPE
+    Source("UBX1", "interference", _of("jamming_indicator", "jamInd")),
     Source("MAG", "magnetometer", _of(_TESLA, "MagX MagY MagZ", "mgauss"), others=("MAG2", "MAG3"), sampled="S"),
     Source("IMU", "temperature", _of("temperature_degc", "T", "degC"), others=("IMU2", "IMU3")),
     Source("ARSP", "airspeed", _of("airspeed_mps", "Airspeed", "m/s") | _of("pressure_pa", "DiffPress", "Pa")
@@ -302,6 +303,18 @@ DRIVER_SOURCES = (
     Source("sensor_combined", "barometer", _AIR),
 )  # fmt: skip
 """Topics of single drivers, of which tracks are made where the selected sensors are others, and no series."""
+
+
+SDLOG2_SOURCES = (
+    Source("GPS", "gps", _of("lat_rad lon_rad", "Lat Lon", "deg") | _of("height_m horizontal_sigma_m vertical_sigma_m",
+           "Alt EPH EPV", "m") | _of(_NED_MPS, "VelN VelE VelD", "m/s") | _of("satellites fix_type", "nSat Fix")),
+    Source("GPS", "interference", _of("jamming_indicator", "J")),
+    *(Source(name, "magnetometer", _of(_TESLA, "MagX MagY MagZ", "gauss"), instance=i)
+      for i, name in enumerate(("IMU", "IMU1", "IMU2"))),
+    Source("SENS", "barometer", _of("pressure_pa", "BaroPres", "hPa") | _of("altitude_m", "BaroAlt", "m")
+           | _of("temperature_degc", "BaroTemp", "degC")),
+)  # fmt: skip
+"""Of PX4's log before .ulg."""
 
 
 def covariances(velocity: int) -> tuple[Source, ...]:

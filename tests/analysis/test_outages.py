@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, assess
+from companion.analysis import GENERIC, Finding, assess
 from companion.analysis.comparison import compare
-from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.analysis.findings.outages import interference_findings, outage_findings, poor_gps_findings
 from companion.model import Flight, Series
 from tests.flights import CIRCLE, flown
 from tests.recordings import recording
@@ -31,9 +32,13 @@ def without(flight: Flight, *, position: tuple[float, float] = (0, 0), fixes: tu
     )
 
 
+def outages(flight: Flight) -> list[Finding]:
+    compared = compare(flight)
+    return list(outage_findings(flight, compared.track.t, compared.gaps))
+
+
 def lines(flight: Flight) -> list[tuple[str, float, float]]:
-    found = outage_findings(flight, compare(flight))
-    return [(f.kind, round(f.start_s, 1), round(f.end_s, 1)) for f in found]
+    return [(f.kind, round(f.start_s, 1), round(f.end_s, 1)) for f in outages(flight)]
 
 
 def test_a_flight_with_position_and_fixes_has_no_outage() -> None:
@@ -43,7 +48,7 @@ def test_a_flight_with_position_and_fixes_has_no_outage() -> None:
 
 def test_a_position_that_is_lost_is_told_once_with_the_fixes_that_it_lacked() -> None:
     flight = without(flown(CIRCLE), position=(30.0, 37.0), fixes=(25.0, 39.0))
-    (said,) = outage_findings(flight, compare(flight))
+    (said,) = outages(flight)
     assert said.kind == "position_lost"
     assert (said.start_s, said.end_s) == pytest.approx((30.0, 37.0), abs=0.2)
     assert "no GPS fix from 24." in said.evidence
@@ -80,6 +85,57 @@ def test_a_receiver_that_says_that_it_is_disturbed(state: int, indicator: int, s
     found = list(interference_findings(told))
     assert [f.evidence.partition("it is ")[2].partition(",")[0] for f in found] == said
     assert all((f.start_s, f.end_s) == pytest.approx((30.0, 40.0), abs=0.3) for f in found)
+
+
+@pytest.mark.parametrize(
+    ("source", "bit"), [("EKF_STATUS_REPORT", 15), ("ESTIMATOR_STATUS", 10), ("estimator_status", 10), ("XKF4[0]", 14)]
+)
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0])
+def test_an_estimator_that_rejects_its_gps_dead_reckons(source: str, bit: int, rate_hz: float) -> None:
+    t = np.arange(BEGIN, END, 1.0 / rate_hz)
+    for end, said in ((34.0, []), (42.0, ["dead_reckoned"])):
+        flags = np.where((t >= 30.0) & (t <= end), 0b11111 | 1 << bit, 0b11111).astype(float)
+        told = replace(flown(CIRCLE), series={"estimator": Series(t, flags[:, None], ("flags",), source)})
+        assert [kind for kind, *_ in lines(told)] == said
+    assert lines(told)[0][1:] == pytest.approx((30.0, 42.0), abs=0.2)
+
+
+@pytest.mark.parametrize(("flags", "says"), [(0b00111, True), (0b11111, False), (np.nan, False)])
+def test_a_position_that_never_was_valid_is_said_and_accuses_nobody(flags: float, *, says: bool) -> None:
+    t = np.arange(BEGIN, END, 0.2)
+    series = {"estimator": Series(t, np.full((len(t), 1), flags), ("flags",), "ESTIMATOR_STATUS")}
+    said = outages(flown(CIRCLE, position=None, series=series))
+    assert [(f.side, f.severity, f.undecided) for f in said] == [("data", "info", False)] * says
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"satellites": 4.0}, ["4 satellites"]),
+        ({"horizontal_sigma": 12.0}, ["14 satellites", "±12.0 m"]),
+        ({"speed_sigma": 2.0}, ["±2.0 m/s"]),
+        ({"satellites": 7.0}, []),
+        ({"fix_type": 1.0}, []),
+    ],
+)
+def test_a_receiver_that_calls_its_fix_poor(changes: dict[str, float], said: list[str]) -> None:
+    flight = flown(CIRCLE)
+    (gps,) = flight.gps
+    poor = (gps.t > 30.0) & (gps.t < 40.0)
+    worse: dict[str, Any] = {name: np.where(poor, value, getattr(gps, name)) for name, value in changes.items()}
+    found = list(poor_gps_findings(replace(flight, gps=(replace(gps, **worse),))))
+    assert len(found) == bool(said)
+    assert all(words in found[0].evidence for words in said)
+
+
+def test_a_receiver_that_never_has_a_fix_is_said() -> None:
+    t = np.arange(BEGIN, END, 0.2)
+    none = Series(
+        t, np.column_stack([np.full(len(t), np.nan), np.arange(len(t)) % 4.0]), ("lat_rad", "satellites"), "GPS"
+    )
+    (said,) = poor_gps_findings(replace(flown(CIRCLE), gps=(), series={"gps": none}))
+    assert said.severity == "info"
+    assert "never has a fix: 3 satellites" in said.evidence
 
 
 @pytest.mark.slow

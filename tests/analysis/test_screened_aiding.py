@@ -145,3 +145,21 @@ def test_a_gps_that_leaps_about_is_left_out_and_one_jump_is_not() -> None:
     assert screened_aiding(replace(flight, gps=(shifted,)), flight.imu())[1] == []
     leaping = replace(one, velocity=one.velocity + np.where(during, rng.normal(0.0, 60.0, len(one.t)), 0.0)[:, None])
     assert [f.kind for f in screened_aiding(replace(flight, gps=(leaping,)), flight.imu())[1]] == ["gps_inconsistent"]
+
+
+@pytest.mark.parametrize(("degrees", "says"), [(110.0, True), (-50.0, True), (80.0, False), (np.nan, False)])
+def test_a_barometer_beyond_what_it_is_made_for_is_left_out(degrees: float, *, says: bool) -> None:
+    flight = flown(LIVELY)
+    (one,) = flight.barometers
+    hot = np.where((one.t >= BEGIN) & (one.t < END), degrees, one.temperature)
+    without, found = screened_aiding(replace(flight, barometers=(replace(one, temperature=hot),)), flight.imu())
+    assert [f.kind for f in found] == ["barometer_out_of_range"] * says
+    (left,) = without.barometers
+    assert ((left.t < BEGIN) | (left.t >= END)).all() == says
+
+
+def test_one_damaged_temperature_is_no_finding() -> None:
+    flight = flown(LIVELY)
+    (one,) = flight.barometers
+    damaged = np.where(np.arange(len(one)) == 7, -174.0, one.temperature)
+    assert screened_aiding(replace(flight, barometers=(replace(one, temperature=damaged),)), flight.imu())[1] == []

@@ -200,3 +200,20 @@ def test_a_log_without_an_imu_says_so(tmp_path: Path) -> None:
     (flight,) = c.open_log(path)
     with pytest.raises(c.DataError, match="no IMU"):
         flight.imu()
+
+
+def test_a_log_whose_records_have_no_times_has_those_of_its_gps(tmp_path: Path) -> None:
+    """From its first fix on; what happened before holds then."""
+    fixes = [
+        f"GPS, {2 + (i > 2)}, {302400000 + 200 * i}, 9, 1.20, 35.{i:03}, 149.0, 0.1, 584.0, 5.1, 0.0" for i in range(9)
+    ]
+    rows = "".join(f"{fix}\nATT, 0.00, {i}.00, 0.00, 0.50, 0.00, 90.00, 90.00\n" for i, fix in enumerate(fixes))
+    path = tmp_path / "old.log"
+    path.write_text(OF_2013[: OF_2013.rindex("GPS,")] + "FMT, 13, 4, EV, B, Id\nEV, 10\n" + rows)
+    (flight,) = c.open_log(path)
+    (gps,) = flight.gps
+    assert gps.t == pytest.approx(0.2 * np.arange(6), abs=1e-6)
+    attitude = flight.require_attitude()
+    assert attitude.t == pytest.approx(0.1 + 0.2 * np.arange(5), abs=0.05)
+    assert [(e.kind, e.t) for e in flight.events] == [("armed", 0.0)]
+    assert any("GPS" in note for note in flight.notes)

@@ -103,8 +103,8 @@ def test_a_flight_without_imu_has_a_report_of_the_rest(tmp_path: Path, capsys: p
         writer.local_position(t, 20 + t)
     log = writer.close()
     found = Contents(report(log, tmp_path / "report.html"))
-    assert "Cannot tell: no IMU message" in capsys.readouterr().out
-    assert list(found.sections) == ["track", "log", "again"]
+    assert "The IMU was not judged: no IMU message" in capsys.readouterr().out
+    assert list(found.sections) == ["findings", "track", "log", "again"]
     assert len(found.figures) == 2
     assert "Every message" in found.sections["log"]
     assert main(["report", DEMO, "-o", str(tmp_path / "x.html"), "--imu", "NOSUCH_IMU"]) == 2

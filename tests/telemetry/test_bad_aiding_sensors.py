@@ -287,3 +287,24 @@ def test_shocks_spikes_flips_and_steps_are_no_damage(tmp_path: Path, made: Make)
     assert len(flight.barometers[0]) == len(flight.compasses[0]) == N
     assert np.abs(flight.imu().accel).max() == pytest.approx(150.0, rel=1e-3)
     assert not [note for note in flight.notes if "contradict" in note or "no reading" in note]
+
+
+def test_a_receiver_tells_of_interference(tmp_path: Path) -> None:
+    """u-blox's indicator of continuous waves, 0 to 255."""
+    types = {"UBX1": ("QBHBBH", "TimeUS,Instance,noisePerMS,jamInd,aPower,agcCnt")}
+    rows = [("UBX1", (10_000_000 + 200_000 * i, 0, 90, 10 * i, 1, 3000)) for i in range(20)]
+    (flight,) = c.open_log(write_dataflash(tmp_path / "jammed.bin", types, rows))
+    told = flight.series["interference"]
+    assert told.t[-1] - told.t[0] == pytest.approx(3.8)
+    assert told["jamming_indicator"].tolist() == [10.0 * i for i in range(20)]
+
+
+@pytest.mark.parametrize(("kind", "said"), [(3.0, ""), (10.0, "the simulator"), (0.0, "DCM")])
+def test_an_estimator_that_did_not_fly_is_noted(kind: float, said: str, tmp_path: Path) -> None:
+    state = "PN,PE,PD,VN,VE,VD,GX,GY,GZ"
+    types = {"PARM": ("QNf", "TimeUS,Name,Value"), "XKF1": ("QB" + 9 * "f", f"TimeUS,C,{state}")}
+    rows: list[tuple[str, tuple[object, ...]]] = [("PARM", (10_000_000, "AHRS_EKF_TYPE", kind))]
+    rows += [("XKF1", (10_000_000 + 100_000 * i, 0, 0.1 * i, *(0.0,) * 8)) for i in range(20)]
+    (flight,) = c.open_log(write_dataflash(tmp_path / "log.bin", types, rows))
+    notes = [note for note in flight.notes if "DCM" in note or "AHRS_EKF_TYPE" in note]
+    assert [said in note for note in notes] == [True] * bool(said)

@@ -28,7 +28,7 @@ TABLES = (*MESSAGE_SOURCES, *RECORD_SOURCES, *TOPIC_SOURCES, *DRIVER_SOURCES, *c
 OWN_COLUMNS = {"vibration", "flow", "innovation", "aiding", "test_ratio"}
 """Kinds of which a format has columns that the others lack."""
 
-IN_LOGS_OF_PX4_ALONE = {"interference", "inconsistency", "aiding", "test_ratio"}
+IN_LOGS_OF_PX4_ALONE = {"inconsistency", "aiding", "test_ratio"}
 
 
 def of(*rows: Source) -> pytest.MarkDecorator:

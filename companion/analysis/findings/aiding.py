@@ -43,7 +43,7 @@ class _Sensor:
     reads: str  # in words, what a stretch of them is
 
 
-def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]:
+def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[Finding]]:
     """The flight without readings of aiding sensors that cannot be, and a finding for each such stretch.
 
     In flight alone. A stretch of n repetitions is frozen where a sensor in order would not repeat its readings so
@@ -59,6 +59,9 @@ def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding
         for first, last in _frozen(sensor, aloft, flight, imu, track):
             kept[first + 1 : last + 1] = False
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
+        if isinstance(track, BarometerTrack):
+            kept &= ~(out := _beyond_range(track))
+            faults.extend(_out_of_range(track, out))
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
             faults.append(_inconsistent(track.source, float(track.t[first]), float(track.t[last])))
@@ -72,7 +75,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding
     ]
     tracks: dict[str, Any] = {
         "compasses": tuple(without(one, _compass(one)) for one in flight.compasses),
-        "barometers": tuple(without(one, _barometer(one)) for one in flight.barometers),
+        "barometers": tuple(filter(len, (without(one, _barometer(one)) for one in flight.barometers))),
         "gps": tuple(without(one, _gps(one)) for one in flight.gps),
     }
     return (replace(flight, **tracks) if faults else flight), faults
@@ -111,7 +114,7 @@ def _gps(track: GpsTrack) -> _Sensor:
 
 
 def _frozen(
-    sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack, track: _Track
+    sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack | None, track: _Track
 ) -> Iterator[tuple[int, int]]:
     """First and last reading of the stretches in flight in which a sensor is frozen."""
     t = sensor.t
@@ -150,6 +153,29 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
 
 
+def _beyond_range(track: BarometerTrack) -> BoolArray:
+    """(N,) where a barometer is hotter or colder than any is made for."""
+    coldest, hottest = healthy.BAROMETER_DEGC
+    return np.asarray((track.temperature < coldest) | (track.temperature > hottest))
+
+
+def _out_of_range(track: BarometerTrack, out: BoolArray) -> Iterator[Finding]:
+    """Some readings are damage, and no more is said of these."""
+    warm, height = track.temperature[out], track.altitude[out]
+    if out.sum() < 2 or track.t[out][-1] - track.t[out][0] < healthy.EKF_UNFED_S:
+        return
+    yield Finding(
+        "barometer_out_of_range",
+        "data",
+        "warning",
+        float(track.t[out][0]),
+        float(track.t[out][-1]),
+        f"the barometer ({track.source}) reads {warm.min():.0f} to {warm.max():.0f} °C, which none is made for, and "
+        f"heights of {height.min():.0f} to {height.max():.0f} m: left out there",
+        "The sensor, its bus or its calibration is damaged: replace it. No autopilot can hold a height with it.",
+    )
+
+
 def _inconsistent(source: str, begin: float, end: float) -> Finding:
     return Finding(
         "gps_inconsistent",
@@ -177,7 +203,7 @@ def _share(same: BoolArray) -> float:
     return float((same[: blocks * size].reshape(blocks, size).sum(axis=1).max() + 1.0) / (size + 2.0))
 
 
-def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack) -> bool:
+def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack | None) -> bool:
     """Whether another sensor says that the readings had to change by many steps in a stretch."""
     begin, end = float(track.t[part][0]), float(track.t[part][-1])
     if isinstance(track, GpsTrack):
@@ -194,8 +220,10 @@ def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, 
     )
 
 
-def _turned(field: Array, imu: ImuTrack, begin: float, end: float) -> float:
+def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> float:
     """By how much the gyro says that a field (3,) had to change in the body between two times (s), in its unit."""
+    if imu is None:
+        return 0.0
     during = slice(*np.searchsorted(imu.t, (begin, end)).tolist())
     if during.stop - during.start < 3:
         return 0.0

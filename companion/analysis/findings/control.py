@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,24 +16,27 @@ from companion.model import Flight, ImuTrack, Phase
 
 
 def when_lost(
-    told: Sequence[Finding], flight: Flight, track: ImuTrack, parts: Sequence[Phase], figures: ImuSpec
+    told: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], figures: ImuSpec
 ) -> tuple[Finding, ...]:
     """The findings of a flight, with what tells that control was lost and without what came of that.
 
-    track: the IMU with its readings out of control. A gyro at the end of its range is a consequence then, and takes the
-    estimator along; whatever else is read accuses nobody. What begins out of control and goes on after it is a fault.
+    track: the IMU with its readings out of control, None where there is none. A gyro at the end of its range is a
+    consequence then, and takes the estimator along; whatever else is read accuses nobody. What begins out of control
+    and goes on after it is a fault.
     Evidence in the last second of a log is worth nothing.
     """
     lost, out = [part for part in parts if part.kind == "impact"], unjudged(parts)
-    end = float(track.t[-1])
+    end = flight.start + flight.duration if track is None else float(track.t[-1])
     kept = [
         f for f in told if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in out)
     ]
     kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
     said: list[Finding] = []
     for part in lost:
-        falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
-        clipping = reading_findings(falling, flight.require_attitude(), figures) if len(falling) > 1 else ()
+        clipping: Iterable[Finding] = ()
+        if track is not None:
+            falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
+            clipping = reading_findings(falling, flight.require_attitude(), figures) if len(falling) > 1 else ()
         tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
         said += [_control_lost(flight, part, tumbling), *(_as_consequence(f) for f in tumbling)]
     return by_severity((*said, *kept))

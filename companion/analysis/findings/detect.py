@@ -15,20 +15,22 @@ from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.deviations import estimator_deviations
 from companion.analysis.fault_interval import fault_intervals
 from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings.aiding import misled_by_frozen
+from companion.analysis.findings.aiding import misled_by_frozen, screened_aiding
 from companion.analysis.findings.axes import meaning_findings
+from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.installation import Installation, installation, level
-from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
 from companion.analysis.findings.noisier import noisier_findings
-from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.analysis.findings.outages import outage_findings, receiver_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
-from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
+from companion.analysis.reference import Limits
 from companion.constants import check, harm, num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Series
@@ -42,6 +44,23 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> 
     faults += stuck_findings(comparison, others)
     faults += meaning_findings(comparison)
     return faults
+
+
+def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Finding]]:
+    """What stands out where there is no IMU to judge; and the flight without readings of aiding sensors that cannot be.
+
+    Of the autopilot and its aiding sensors alone: jumps, resets, times without a position, frozen sensors.
+    """
+    parts = phases(flight)
+    flight, all_findings = screened_aiding(flight, None)
+    tracks = [track.t for track in (flight.attitude, flight.position) if track is not None and len(track) > 1]
+    if tracks:
+        heard = max(tracks, key=len)
+        all_findings += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
+    all_findings += [*receiver_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
+    told = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
+    landed = landed_at(parts) - check.HEARTBEAT_S
+    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in told]
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
@@ -94,7 +113,7 @@ def findings(
         f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
         for f in jump_findings(comparison, flight)
     ]
-    all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
+    all_findings += [*outage_findings(flight, comparison.track.t, comparison.gaps), *receiver_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
@@ -249,14 +268,20 @@ _RATIOS = {
 def with_reports(finding: Finding, flight: Flight) -> Finding:
     """The finding with what the vehicle said at that time, and how its estimator saw itself.
 
-    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised.
+    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised, once
+    it has taken off, whenever that began.
     """
-    if finding.side != "autopilot" and not finding.kind.startswith("compass"):
+    of_compass = finding.kind.startswith("compass")
+    if finding.side != "autopilot" and not of_compass:
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
     said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
     said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
-    during = [(t, text) for t, text in said if begin - check.BEFORE_S <= t <= end + check.AFTER_S]
+    during = [
+        (t, text)
+        for t, text in said
+        if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
+    ]
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
     words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
     evidence = [finding.evidence]

@@ -9,27 +9,51 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Cause, Finding, Severity, runs
 from companion.analysis.phases import phases
-from companion.analysis.reference import length
+from companion.analysis.reference import Limits, attitude_error, attitude_jumps, length, position_jumps
 from companion.constants import check, num
-from companion.model import Flight, PositionTrack
+from companion.model import Array, AttitudeTrack, Flight, PositionTrack
 from companion.strapdown import quaternion
 
 
 def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
     """The autopilot's estimate steps where neither its own velocity, its own rates nor the IMU say so."""
     known = comparison.reference.t[comparison.reference.position_known]
-    settled = float(known[0]) if len(known) else float(comparison.track.t[0])
-    settled = max([settled, *(part.end for part in phases(flight) if part.kind == "aligning")])
-    position = flight.position
-    if position is not None:
-        yield from _position_findings(comparison, position, settled)
-    steps = list(_heading_steps(comparison))
+    settled = max(_aligned(flight), float(known[0] if len(known) else comparison.track.t[0]))
+    limits, steps = comparison.how.limits, comparison.position_steps
+    yield from _position_findings(flight.position, steps, limits, settled, "the IMU felt nothing")
+    yield from _heading_findings(list(_heading_steps(comparison)), settled, "that the gyro did not feel")
+
+
+def jumps_without_imu(flight: Flight, limits: Limits) -> Iterator[Finding]:
+    """The same where there is no IMU: its own velocity and its own rates do not say so."""
+    settled, position = _aligned(flight), flight.position
+    if position is not None and len(position):
+        settled, steps = max(settled, float(position.t[0])), position_jumps(position, limits)
+        yield from _position_findings(position, steps, limits, settled, "its own velocity does not say so")
+    yield from _heading_findings(list(_steps_of(flight.attitude, limits)), settled, "that its own rates do not explain")
+
+
+def reset_findings(flight: Flight) -> Iterator[Finding]:
+    """What the estimator says that it has set anew, once it had aligned."""
+    settled = _aligned(flight)
+    for one in flight.resets:
+        if one.t >= settled:
+            said = f"the estimator says: {one.text}" if one.text else f"the estimator has set its {one.kind} anew"
+            yield Finding("estimator_reset", "autopilot", "info", one.t, one.t, said, "")
+
+
+def _aligned(flight: Flight) -> float:
+    return max([flight.start, *(part.end for part in phases(flight) if part.kind == "aligning")])
+
+
+def _heading_findings(steps: list[tuple[float, float, float]], settled: float, unfelt: str) -> Iterator[Finding]:
+    """Steps (start, end, size rad) of the heading, those before the estimator had settled as one."""
     starting = [step for step in steps if step[0] < settled]
     for group in filter(None, [starting, *([step] for step in steps[len(starting) :])]):
         start, end, step = group[0][0], group[-1][1], max(size for _, _, size in group)
         many = f"{len(group)} times, by up to" if len(group) > 1 else "by"
         severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
-        words = f"the heading steps {many} {np.degrees(step):.1f}° that the gyro did not feel"
+        words = f"the heading steps {many} {np.degrees(step):.1f}° {unfelt}"
         yield Finding(
             "heading_jump",
             "autopilot",
@@ -43,11 +67,13 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
         )
 
 
-def _position_findings(comparison: Comparison, position: PositionTrack, settled: float) -> Iterator[Finding]:
+def _position_findings(
+    position: PositionTrack | None, steps: Array, limits: Limits, settled: float, unfelt: str
+) -> Iterator[Finding]:
     """Jumps of the position, those close together as one; a gap is none."""
-    steps = comparison.position_steps
-    lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.longest_step(position.t)
-    steps = steps[~lost]
+    if position is None:
+        return
+    steps = steps[steps[:, 1] - steps[:, 0] <= limits.longest_step(position.t)]
     if not len(steps):
         return
     for group in np.split(steps, np.flatnonzero(np.diff(steps[:, 0]) > check.GROUPED_S) + 1):
@@ -62,10 +88,24 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
             start,
             end,
             f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s at "
-            f"{length(position.velocity[j]).max():.1f} m/s; the IMU felt nothing",
+            f"{length(position.velocity[j]).max():.1f} m/s; {unfelt}",
             "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
             cause=Cause("position_jump", "autopilot", start, end, size=moved, unit="m"),
         )
+
+
+def _steps_of(attitude: AttitudeTrack | None, limits: Limits) -> Iterator[tuple[float, float, float]]:
+    """Steps of the heading as `_heading_steps` has them, from one attitude to the next, where the rates are told."""
+    if attitude is None or not attitude.rates_told or len(attitude) < 2:
+        return
+    steps, longest = attitude_jumps(attitude, limits), limits.longest_step(attitude.t)
+    for start, end in steps[steps[:, 1] - steps[:, 0] <= longest].tolist():
+        i, j = np.searchsorted(attitude.t, [start, end])
+        turn = 0.5 * (attitude.rates[i] + attitude.rates[j]) * (end - start)
+        predicted = quaternion.multiply(attitude.q_ned_frd[i], quaternion.exp(turn))
+        *tilt, heading = attitude_error(attitude.q_ned_frd[j], predicted)
+        if np.hypot(*tilt) < 0.5 * abs(heading):
+            yield start, end, float(abs(heading))
 
 
 def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float]]:

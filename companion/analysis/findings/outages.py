@@ -6,40 +6,120 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.phases import phases
-from companion.analysis.reference import length
+from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm
 from companion.model import Array, Flight, of_kind
 
 Span = tuple[float, float]  # s, boot clock
 
 
-def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
+def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[Finding]:
     """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
 
-    Only what had been there before is lost, and only while the IMU is in the log: a gap of the link says nothing.
+    Only what had been there before is lost, and only while the rest is in the log: a gap of the link says nothing.
+    heard: times (N,) s of the IMU, or where there is none of the attitude; gaps: (N-1,) where it was not heard.
     A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
     """
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
-    without_fix = _gaps(flight, comparison, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
+    without_fix = _gaps(flight, heard, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
     position = flight.position
-    lost = [] if position is None else _gaps(flight, comparison, position.t)
+    if position is None:
+        yield from _never_valid(flight)
+    lost = [] if position is None else _gaps(flight, heard, gaps, position.t)
     for begin, end in lost:
         meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
         without_fix = [span for span in without_fix if span != meanwhile]
         yield _lost(flight, (begin, end), meanwhile)
-    for begin, end in without_fix if position is not None else ():
-        yield Finding(
-            "dead_reckoned",
-            "data",
-            "warning",
-            begin,
-            end,
-            f"no GPS fix for {end - begin:.1f} s; the autopilot's position is dead-reckoned, or of other sensors",
-            "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t².",
-        )
+    for span in without_fix if position is not None else ():
+        yield _dead_reckoned(span, "no GPS fix for", "the autopilot's position is dead-reckoned, or of other sensors")
+    for span in _rejected(flight) if position is not None else ():
+        if not any(_overlap(span, other) > 0.0 for other in (*lost, *without_fix)):
+            yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS for", "it dead-reckons")
+
+
+def _never_valid(flight: Flight) -> Iterator[Finding]:
+    """That the estimator never called its position valid in flight, by its own flags: it was never lost."""
+    estimator, aloft = flight.series.get("estimator"), [part for part in phases(flight) if part.kind == "flight"]
+    if estimator is None or "flags" not in estimator.columns or not aloft:
+        return
+    flags, begin, end = estimator["flags"], aloft[0].start, aloft[-1].end
+    told = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
+    if len(told) and not (told & check.POSITION_VALID).any():
+        words = f"no valid position in flight, by the estimator's own flags ({estimator.source}): it is not judged"
+        yield Finding("position_lost", "data", "info", begin, end, words, "")
+
+
+def _dead_reckoned(span: Span, why: str, then: str) -> Finding:
+    begin, end = span
+    words = f"{why} {end - begin:.1f} s; {then}"
+    advice = "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t²."
+    return Finding("dead_reckoned", "data", "warning", begin, end, words, advice)
+
+
+def _rejected(flight: Flight) -> Iterator[Span]:
+    """Where in flight the estimator says without a break, for more than 5 s, that it rejects its GPS."""
+    one = flight.series.get("estimator")
+    bits = 0 if one is None else check.GPS_REJECTED.get(one.source.partition("[")[0], 0)
+    if one is None or not bits or "flags" not in one.columns:
+        return
+    rejecting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
+    yield from _long(flight, one.t, rejecting)
+
+
+def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
+    """A receiver that has fixes, and says for more than 5 s in flight that they are poor.
+
+    By its satellites and accuracies, by which EKF3 would not begin with it. And one that never has a fix.
+    """
+    series = None if flight.gps else next(of_kind(flight.series, "gps"), None)
+    if series is not None and len(series) and np.isnan(series["lat_rad"]).all():
+        none = f"the GPS ({series.source}) never has a fix: {np.nan_to_num(series['satellites']).max():.0f} satellites"
+        yield Finding("gps_poor", "data", "info", float(series.t[0]), float(series.t[-1]), f"{none} at most", "")
+    for one in flight.gps:
+        poor = (one.satellites < harm.GPS_SATELLITES) | (one.fix_type < check.FIX_3D)
+        for name, most in harm.GPS_POOR.items():
+            poor |= getattr(one, name) > most
+        for begin, end in _long(flight, one.t, poor):
+            during = (one.t >= begin) & (one.t <= end)
+            if (one.fix_type[during] < check.FIX_3D).all():
+                continue
+            words = [f"{least:.0f} satellites" for least in [np.min(one.satellites[during])] if np.isfinite(least)]
+            for name, (what, unit) in _SIGMAS.items():
+                most = float(np.nan_to_num(getattr(one, name)[during]).max())
+                words += [f"{what} ±{most:.1f} {unit}"] if most > 0.0 else []
+            yield Finding(
+                "gps_poor",
+                "data",
+                "warning",
+                begin,
+                end,
+                f"the GPS ({one.source}) calls its fix poor for {end - begin:.1f} s; at worst {', '.join(words)}",
+                "Look at the antenna's view of the sky, and at what sends or switches near it.",
+            )
+
+
+_SIGMAS = {"horizontal_sigma": ("level", "m"), "vertical_sigma": ("height", "m"), "speed_sigma": ("speed", "m/s")}
+
+
+def _long(flight: Flight, t: Array, where: BoolArray) -> Iterator[Span]:
+    """Stretches of more than 5 s in flight in which something is so, s; what is not so for less than a second is."""
+    for part in phases(flight):
+        inside = np.flatnonzero(where & (t >= part.start) & (t <= part.end)) if part.kind == "flight" else ()
+        if len(inside):
+            apart = np.diff(t[inside])
+            ends = (apart > harm.GPS_OUTAGE_S) | ((np.diff(inside) > 1) & (apart > check.GROUPED_S))
+            for group in np.split(inside, np.flatnonzero(ends) + 1):
+                begin, end = float(t[group[0]]), float(t[group[-1]])
+                if end - begin > harm.GPS_OUTAGE_S:
+                    yield begin, end
+
+
+def receiver_findings(flight: Flight) -> Iterator[Finding]:
+    """What the receivers say themselves: that they are disturbed, or have no good fix."""
+    yield from interference_findings(flight)
+    yield from poor_gps_findings(flight)
 
 
 def interference_findings(flight: Flight) -> Iterator[Finding]:
@@ -93,17 +173,17 @@ def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
     )
 
 
-def _gaps(flight: Flight, comparison: Comparison, t: Array) -> list[Span]:
-    """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the IMU is."""
+def _gaps(flight: Flight, heard: Array, gaps: BoolArray, t: Array) -> list[Span]:
+    """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the rest is."""
     if not len(t):
         return []
-    end = min(flight.start + flight.duration, float(comparison.track.t[-1]))
+    end = min(flight.start + flight.duration, float(heard[-1]))
     begins, ends = t, np.append(t[1:], max(end, t[-1]))
     out = []
     for begin, stop in np.column_stack([begins, ends])[ends - begins > harm.GPS_OUTAGE_S].tolist():
         for part in phases(flight):
             first, last = max(begin, part.start), min(stop, part.end)
-            if part.kind == "flight" and last - first - _unheard(comparison, first, last) > harm.GPS_OUTAGE_S:
+            if part.kind == "flight" and last - first - _unheard(heard, gaps, first, last) > harm.GPS_OUTAGE_S:
                 out.append((first, last))
     return out
 
@@ -112,8 +192,8 @@ def _overlap(one: Span, other: Span) -> float:
     return min(one[1], other[1]) - max(one[0], other[0])
 
 
-def _unheard(comparison: Comparison, start: float, end: float) -> float:
-    """For how long (s) the IMU's messages are missing too."""
-    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
-    missing = np.minimum(t[gaps + 1], end) - np.maximum(t[gaps], start)
+def _unheard(heard: Array, gaps: BoolArray, start: float, end: float) -> float:
+    """For how long (s) the rest is missing too."""
+    before = np.flatnonzero(gaps)
+    missing = np.minimum(heard[before + 1], end) - np.maximum(heard[before], start)
     return float(missing[missing > 0].sum())

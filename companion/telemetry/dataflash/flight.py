@@ -93,8 +93,6 @@ def why_no_flight(messages: Mapping[str, Records]) -> str:
     counts = {name: len(one) for name, one in messages.items()}
     most = sorted(counts, key=lambda name: -counts[name])[:_MOST_TOLD]
     has = f"it has {', '.join(f'{name} ({counts[name]:,})' for name in most)}" if most else "it has no record"
-    if "TIME" in counts and messages["TIME"].layout.has_numbers("StartTime"):
-        return f"it is a log of PX4's sdlog2, which wrote them before .ulg and is not read: {has}"
     imu = "" if "IMU" in counts else "it has no IMU (LOG_BITMASK), and "
     return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"
 

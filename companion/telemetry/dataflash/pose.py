@@ -25,6 +25,7 @@ from companion.model import (
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.outliers import BoolArray
+from companion.telemetry.parameters import NOT_EKF
 from companion.telemetry.samples import attitude_track, attitudes, place, position_track
 from companion.telemetry.validity import has_position
 
@@ -68,13 +69,14 @@ def with_rates(
 
     A single sample that turns away and back, which these rates contradict, is left out and noted.
 
-    The log has none without bias, so they are the mean of the IMU around each time. bias: None where it is not told.
+    The log has none without bias, so they are the mean of the IMU around each time, and where there is no IMU those of
+    the attitude itself. bias: None where it is not told.
     """
     t, q, source = sampled
     instance = bias.imu_instance if bias is not None else None
     tracks = [track for track in imus.values() if len(track) > 1]
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
-    rates = np.zeros((len(t), 3)) if track is None else _mean_rates(t, track, bias)
+    rates = None if track is None else _mean_rates(t, track, bias)
     made = attitude_track(source, t, q, rates, notes)
     return None if made is None else replace(made, rates_told=False)
 
@@ -101,6 +103,10 @@ def position(
     if by_dcm(parameters):
         notes.append(f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM")
         return None
+    if (kind := parameters.get("AHRS_EKF_TYPE", np.nan)) in NOT_EKF:
+        notes.append(
+            f"AHRS_EKF_TYPE: the vehicle flew by {NOT_EKF[kind]}: {one.name}'s EKF, which is judged, only ran along"
+        )
     ned, velocity = (
         np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
     )

@@ -15,6 +15,8 @@ from companion.logs import Records
 from companion.model import Array
 from companion.telemetry.timestamps import ON_BOARD, left_out, off_course
 
+_FIX_3D = 3
+_HAPPENINGS = ("PARM", "EV", "ERR", "MODE", "MSG")  # hold from then on: whatever the time, it counts
 _STALE_S = 1.0  # a sample's own time that lies further from the record's is none
 
 
@@ -49,9 +51,11 @@ def sound(one: Records) -> npt.NDArray[np.bool_]:
 def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
     """The same, each with its times, without those that leave the flight's course; and notes on these.
 
-    Before 2015 PARM, EV, ERR, MODE and MSG have no time, and get that of their neighbours. Nothing is left where no
-    record has a time.
+    Before 2015 PARM, EV, ERR, MODE and MSG have no time, and get that of their neighbours; until ArduCopter 3.1 no
+    record has one, and the GPS's own is taken. Nothing is left where it has none either.
     """
+    if not any(one.layout.clock for one in records.values()):
+        return _by_gps(records)
     times = {name: one.t for name, one in records.items() if one.layout.clock}
     apart = off_course(times, ON_BOARD)
     notes = left_out(times, apart)
@@ -69,3 +73,23 @@ def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list
         if not one.layout.clock and one.rows.dtype.names
     }
     return {name: (timed | bare)[name] for name in records if name in timed or name in bare}, notes
+
+
+def _by_gps(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
+    """Records on the clock of the GPS from its first fix on, and a note: samples between the first fix and the last."""
+    gps = records.get("GPS")
+    if gps is None or not gps.layout.has_numbers("Time", "Status"):
+        return {}, []
+    t, fixed = gps["Time"] * 1e-3, gps["Status"] >= _FIX_3D
+    gps = gps.select(fixed & (t >= np.maximum.accumulate(np.where(fixed, t, -np.inf))))
+    if len(gps) < 2:
+        return {}, []
+    since = (gps["Time"] - gps["Time"][0]) * 1e-3
+
+    def timed(one: Records) -> Records:
+        inside = (one.offset >= gps.offset[0]) & (one.offset <= gps.offset[-1])
+        one = one.select(inside | (one.name in _HAPPENINGS))
+        return replace(one, given=np.interp(one.offset, gps.offset, since))
+
+    within = {name: timed(one) for name, one in records.items() if one.rows.dtype.names}
+    return within, ["no record has a time (ArduCopter 3.1 and older): that is the GPS's, in s since its first fix"]
