@@ -13,7 +13,7 @@ from companion.logs import looks_like_a_log
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError, InputError
 
-_LOGS = (".tlog", ".ulg")
+_LOGS = (".tlog", ".ulg", ".px4log")
 # Firmware and archives have these names too: their content tells.
 _PERHAPS = (".bin", ".log", ".gz", ".xz", ".bz2", ".zst", ".zip")
 
