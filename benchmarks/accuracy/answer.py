@@ -40,6 +40,7 @@ CAUSES = {
     "compass_iron": ("heading", "compass"),
     "barometer": ("position", "baro"),
     "compass_frozen": ("heading", "compass"),
+    "compass_orientation": ("heading", "compass"),
     "barometer_frozen": ("position", "baro"),
     "gps_inconsistent": ("position", "gps"),
     "gps_frozen": ("position", "gps"),

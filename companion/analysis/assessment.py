@@ -20,7 +20,8 @@ from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
-from companion.analysis.findings.axes import misread_finding
+from companion.analysis.findings.axes import misread_finding, turned_others
+from companion.analysis.findings.turned import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_is_unusual
@@ -188,8 +189,9 @@ def assess(
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ, confusion=confusion)
     best = made if isinstance(made, BestEstimate) else None
     faults += [*told_by_it, *frozen]
-    constants = read_wrongly(best, seen, how.gravity, faults)
-    all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
+    turned = turned_others(seen, judged.track, faults, best)
+    constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
+    all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants, turned)
     all_findings = when_lost(all_findings, flight, track, parts, figures)
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
@@ -279,13 +281,13 @@ def _best(
             best = again(flight, confusion=confusion)
         except NoEstimateError:
             return why, []
-    stuck = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
-    if stuck:
-        best_without, told = _best(
-            flight, comparison, [*faults, *stuck], out, before, differ=differ, confusion=confusion
-        )
-        return best_without, [*stuck, *told]
-    if not differ or "gps_position" not in best.residuals or any(f.kind == "axes_wrong" for f in faults):
+    told = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
+    turned_itself = any(f.kind == "axes_wrong" for f in faults)
+    righted, turned = (flight, []) if told or turned_itself else righted_compasses(flight, best, again)
+    if told := [*told, *turned]:
+        best_so, more = _best(righted, comparison, [*faults, *told], out, before, differ=differ, confusion=confusion)
+        return best_so, [*told, *more]
+    if not differ or "gps_position" not in best.residuals or turned_itself:
         return best, []
     other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]

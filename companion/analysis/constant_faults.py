@@ -83,7 +83,7 @@ def read_wrongly(
 
     faults: of `reading_faults`; readings that are none are off by nothing.
     """
-    if any(f.severity == "error" for f in faults):
+    if any(f.severity == "error" or f.kind == "axes_wrong" for f in faults):
         return ()
     told = () if best is None else constant_errors(best, flight)
     known = {(one.imu, one.sensor): one for one in told}

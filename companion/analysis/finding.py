@@ -34,6 +34,7 @@ KINDS: Mapping[str, str] = {
     "stuck_axis": "an axis or a whole sensor of the IMU reads the same again and again",
     "frozen": "the whole IMU reads the same again and again",
     "compass_frozen": "the compass reads the same again and again in flight",
+    "compass_orientation": "compass and IMU are turned against each other since the start: by mounting or setting",
     "barometer_frozen": "the barometer reads the same again and again in flight",
     "gps_disagrees": "the autopilot's position or velocity is off its GPS, and no IMU tells which is wrong",
     "compass_disagrees": "the autopilot's heading is off its compass, and no IMU tells which is wrong",

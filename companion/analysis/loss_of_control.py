@@ -21,7 +21,7 @@ Span = tuple[float, float]
 _CRASHED = re.compile(
     r"Crash: Disarming|crash check: error|[Aa]ttitude failure|[Cc]ritical failure|[Ff]light termination", re.ASCII
 )
-_UPRIGHT = ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", "HELICOPTER")
+UPRIGHT = ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", "HELICOPTER")
 _AT_WILL = ("ACRO", "FLIP")  # modes in which a pilot may turn it over: ArduCopter looks for no crash (crash_check.cpp)
 
 
@@ -139,7 +139,7 @@ def _armed_again(flight: Flight, calm: Sequence[Span], lost: float) -> float:
 def _over(flight: Flight, track: AttitudeTrack) -> BoolArray:
     """(N,) where the attitude is beyond control."""
     level = down_in_body(track.q_ned_frd)[:, 2]  # cosine of the angle between body and world down
-    over = (level < np.cos(harm.OVERTURNED_RAD)) & (flight.vehicle.type in _UPRIGHT)
+    over = (level < np.cos(harm.OVERTURNED_RAD)) & (flight.vehicle.type in UPRIGHT)
     if flight.control is not None and len(flight.control):
         followed, unfollowed = _as_desired(track, flight.control)
         over = (over & ~followed) | unfollowed

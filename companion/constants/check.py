@@ -1,6 +1,6 @@
 """How readings and estimates are checked: windows, fewest samples, margins, quantiles."""
 
-from math import comb, log
+from math import comb, log, radians
 
 # The autopilot's estimator
 OVERSHOOT = 2.0  # times what misled it: a height that is off by more has another cause
@@ -52,6 +52,9 @@ UNIT_AXIS_SHARE = 0.05  # of the squares about the axis with most: about others 
 UNIT_REST = 0.1  # of the squares of what is read, that the motion may leave
 UNIT_MIN_FACTOR = 2.0  # or a half: what is less off is no unit
 UNIT_TOLERANCE = 0.03  # by which a factor of units may be missed
+ORIENTATION_READINGS = (30, 200)  # of a compass, at least and at most, that tell its orientation
+ORIENTATION_EXACT_RAD = radians(1.0)  # from one of the list, within which it is that
+ORIENTATION_BETTER = 0.5  # of the misfit of any other orientation, that the right one leaves
 
 # Phases and loss of control
 OUTPUT_FULL = 0.98  # of an output's range

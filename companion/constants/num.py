@@ -70,6 +70,7 @@ AXIS_GAIN = 1.3  # times less noise without the suspected axes: what they spoil 
 ONSET_SIGMAS = 2.0  # σ of an onset by which something began in flight: before, it may have been there from the start
 AXIS_SPAN_S = 100.0  # of which the worst stretch counts: a wrong axis is wrong all the time
 AXIS_TRIAL_PASSES = 6  # that tell the ways apart: a contradiction is far from convergence then
+ORIENTATION_HALF_RAD = pi / 8.0  # half of the least angle between two of the autopilots' orientations, 45°
 AXIS_CLEARLY_BETTER = 2.0  # times less noise, in every interval and on every axis: not by chance
 
 # Iteration and linear algebra

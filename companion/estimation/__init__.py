@@ -4,6 +4,7 @@ from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
 from companion.estimation.clipping import clip_counters
+from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
 from companion.estimation.evidence import harmful, probabilities
@@ -77,6 +78,7 @@ __all__ = [
     "Size",
     "Spectrum",
     "States",
+    "TurnedCompass",
     "Vibration",
     "WhiteNoise",
     "allan_deviation",
@@ -104,12 +106,14 @@ __all__ = [
     "probabilities",
     "quantisation_bound",
     "restored",
+    "righted",
     "sampling_of",
     "shaking",
     "smooth",
     "stretches",
     "times_of_change",
     "turn_of_the_field",
+    "turned_compasses",
     "vibration",
     "white_noise",
     "without_errors",

@@ -30,6 +30,7 @@ from companion.model.geodesy import (
 )
 from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.omission import with_tracks, without
+from companion.model.orientations import ORIENTATIONS, orientation_name, orientation_number, orientations
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,
@@ -59,6 +60,7 @@ __all__ = [
     "GAP_PERIODS",
     "GAP_S",
     "IMU_MESSAGES",
+    "ORIENTATIONS",
     "SEMI_MAJOR_AXIS",
     "STANDARD_GRAVITY",
     "ActuatorTrack",
@@ -113,6 +115,9 @@ __all__ = [
     "nearest_word",
     "ned_from_geodetic",
     "of_kind",
+    "orientation_name",
+    "orientation_number",
+    "orientations",
     "percentile",
     "rows",
     "weighted_median",

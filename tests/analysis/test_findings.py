@@ -178,14 +178,14 @@ def test_an_axis_that_reads_too_much_alone_is_not_of_other_units(times: float) -
     flight = flown()
     imu = flight.imu()
     one = with_imu(flight, gyro=imu.gyro * [1.0, times, 1.0], accel=imu.accel * [times, 1.0, 1.0])
-    assert "units_wrong" not in {f.kind for f in meaning_findings(compare(one))}
+    assert "units_wrong" not in {f.kind for f in meaning_findings(one, compare(one))}
 
 
 def test_turns_that_are_all_read_about_one_axis_are_not_of_other_units() -> None:
     flight = flown()
     turning = np.linalg.norm(flight.imu().gyro, axis=1)
     one = with_imu(flight, gyro=turning[:, None] * [3.0, 0.0, 0.0])
-    assert "units_wrong" not in {f.kind for f in meaning_findings(compare(one))}
+    assert "units_wrong" not in {f.kind for f in meaning_findings(one, compare(one))}
 
 
 def test_clocks_that_do_not_run_alike() -> None:

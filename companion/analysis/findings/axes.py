@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.fault_interval import SENSORS
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.parameters import board_orientation, mended
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
 from companion.strapdown import quaternion
 
-_ADVICE = "Set the board's orientation to how it is mounted, and calibrate again."
 _DOES = {"gyro": "turns", "accel": "feels"}
 _THOUSAND = {1e3: "thousandths, where whole units are meant", 1e-3: "whole units, where thousandths are meant"}
 _UNITS = {
@@ -38,13 +38,78 @@ class _Motion:
     accel: Array
 
 
-def meaning_findings(comparison: Comparison) -> Iterator[Finding]:
+def meaning_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
     """The IMU's readings are not what they are taken for: of other units, or of other axes."""
-    motion = _motion(comparison)
+    track, motion = comparison.track, _motion(comparison)
     if motion is None:
         return
-    units = [*_unit_findings(comparison.track, motion)]
-    yield from units or _axes_findings(comparison.track, motion)
+    units = [*_unit_findings(track, motion)]
+    yield from units
+    fitting = None if units else _fitting(motion)
+    if fitting is not None:
+        alone = any(_agrees(_beside(track, other), fitting.turn) for other in _others(flight, track))
+        yield _wrong(track, fitting.how, _mending(flight, track, fitting.turn, alone=alone))
+
+
+def turned_others(
+    flight: Flight, track: ImuTrack, faults: Sequence[Finding], best: BestEstimate | None
+) -> list[Finding]:
+    """Other IMUs of the vehicle that are turned against one, which is itself in order by faults, those of its readings.
+
+    Which of the two is told by a compass, that reads the Earth's field in the axes of one of them; without one neither
+    is accused.
+    """
+    if any(f.kind in _CAUSES for f in faults):
+        return []
+    compass = best is not None and "compass" in best.residuals
+    against = best is not None and any(one.kind == "compass_turn" for one in best.explained)
+    against |= any(f.kind == "compass_orientation" for f in faults)
+    out = []
+    for other in _others(flight, track):
+        motion = _beside(track, other)
+        fitting = None if motion is None or [*_unit_findings(other, motion)] else _fitting(motion)
+        if fitting is None:
+            continue
+        how = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {fitting.how}"
+        said = _wrong(other, how, _mending(flight, other, fitting.turn, alone=True))
+        said = replace(said, headline=how, cause=Cause("axes_wrong", "imu", said.start_s, imu=other.instance))
+        if not compass or against:
+            how = f"{how}; which of the two sits so, or is set so, cannot be told"
+            said = replace(said, side="data", severity="warning", evidence=how, headline="", undecided=True)
+        out.append(said)
+    return out
+
+
+_CAUSES = ("axes_wrong", "units_wrong", "frozen")  # readings that say nothing of how another IMU sits
+
+
+def _others(flight: Flight, track: ImuTrack) -> list[ImuTrack]:
+    return [one for one in flight.each_imu() if one.instance != track.instance]
+
+
+def _agrees(motion: _Motion | None, turn: Array) -> bool:
+    """Whether what is moved (see `_beside`) reads as an IMU does that is turned by a rotation (3, 3)."""
+    if motion is None:
+        return False
+    forces, turns = _misfit(motion.pull, motion.accel, motion.turn, motion.gyro, turn.T)
+    return forces + turns < harm.AXES_MISFIT
+
+
+def _mending(flight: Flight, track: ImuTrack, turn: Array, *, alone: bool) -> str:
+    """What to set so that an IMU whose readings a rotation (3, 3) takes into the body is read so.
+
+    alone: the other IMUs of the board are in order.
+    """
+    name = board_orientation(flight)
+    if not alone:
+        return (
+            f"Set {mended(flight, name, quaternion.from_matrix(turn))}, as the board is mounted, and calibrate again."
+        )
+    own = f"CAL_GYRO{track.instance}_ROT and CAL_ACC{track.instance}_ROT, if it is external, or "
+    return (
+        f"Another IMU of the vehicle is not turned, so {name} is right: "
+        f"look at {own if name == 'SENS_BOARD_ROT' else ''}how this IMU's own driver is told to turn it."
+    )
 
 
 def _motion(comparison: Comparison) -> _Motion | None:
@@ -119,7 +184,15 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
 
 
-def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitting:
+    """Other axes that fit far better."""
+
+    turn: Array  # (3, 3) the body from the IMU's axes
+    how: str  # in words
+
+
+def _fitting(motion: _Motion) -> _Fitting | None:
     """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
 
     Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
@@ -137,41 +210,58 @@ def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
         for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
     )
     if total[best] < 0.3 * own and (own > harm.AXES_MISFIT or (own > harm.AXES_MIN_MISFIT and both)):
-        yield _wrong(
-            track,
-            f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
-            f"{own / total[best]:.0f} times better",
-        )
-        return
+        names = best.replace(" ", ", ")
+        better = own / total[best]
+        how = f"forward, right, down are the IMU's ({names}): so the readings fit {better:.0f} times better"
+        return _Fitting(_ROTATIONS[best], how)
     free = _wahba(np.concatenate([turn, pull]), np.concatenate([gyro, accel]))
     if free is None:
-        return
+        return None
     angle = quaternion.log(quaternion.from_matrix(free))
     forces, turns = _misfit(pull, accel, turn, gyro, free)
     # a tilted board and an offset of the accelerometer look alike in level flight: the turns have to say so
-    if (
+    if not (
         length(angle) > healthy.TRIM_RAD
         and misfit["x y z"][1] > healthy.AXES_MISFIT
         and turns < 0.4 * misfit["x y z"][1]
         and forces + turns < 0.3 * own
     ):
-        x, y, z = angle / length(angle)
-        yield _wrong(
-            track,
-            f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the "
-            f"readings fit {own / (forces + turns):.0f} times better",
-        )
+        return None
+    x, y, z = angle / length(angle)
+    return _Fitting(
+        free,
+        f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the readings "
+        f"fit {own / (forces + turns):.0f} times better",
+    )
+
+
+def _beside(track: ImuTrack, other: ImuTrack) -> _Motion | None:
+    """What two IMUs read, means over the same windows, the first as the motion of the other; None for too few."""
+    span, rate = check.AXES_WINDOW_S, min(track.rate_hz, other.rate_hz)
+    edges = np.arange(max(track.t[0], other.t[0]), min(track.t[-1], other.t[-1]), span)
+    if span * rate < check.AXES_MIN_SAMPLES or len(edges) <= check.AXES_MIN_WINDOWS:
+        return None
+    means, full = [], np.ones(len(edges) - 1, np.bool_)
+    for one in (track, other):
+        start, end = (np.searchsorted(one.t, at) for at in (edges[:-1], edges[1:]))
+        full &= end - start > 0.5 * span * one.rate_hz
+        end = np.maximum(end, start + 1)
+        means.append([_mean(values, start, end) for values in (one.gyro, one.accel / STANDARD_GRAVITY)])
+    if full.sum() < check.AXES_MIN_WINDOWS:
+        return None
+    (turn, pull), (gyro, accel) = means
+    return _Motion(turn[full], gyro[full], pull[full], accel[full])
 
 
 def misread_finding(track: ImuTrack, reading: Reading, best: BestEstimate) -> Finding:
     """An IMU whose axes are mirrored or exchanged, by the aiding sensors of the best estimate, which has GPS."""
     aiding = "GPS, compass and gravity" if "compass" in best.residuals else "GPS and gravity"
     how = f"{reading.words}: read so, it fits {aiding} with {reading.fits:.0f} times less noise"
-    return _wrong(track, how)
+    return _wrong(track, how, "Set the board's orientation to how it is mounted, and calibrate again.")
 
 
-def _wrong(track: ImuTrack, how: str) -> Finding:
-    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), how, _ADVICE)
+def _wrong(track: ImuTrack, how: str, advice: str) -> Finding:
+    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), how, advice)
 
 
 def _wahba(body: Array, imu: Array) -> Array | None:

@@ -26,6 +26,7 @@ from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.stuck import stuck_findings
+from companion.analysis.findings.turned import misled_by_turned
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
@@ -42,7 +43,7 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> 
     faults = [*reading_findings(track, flight.require_attitude(), figures, flight.armed(track.t, track.t))]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     faults += stuck_findings(comparison, others)
-    faults += meaning_findings(comparison)
+    faults += meaning_findings(flight, comparison)
     return faults
 
 
@@ -98,11 +99,13 @@ def findings(
     faults: Sequence[Finding],
     best: BestEstimate | None,
     constants: Sequence[ConstantError] = (),
+    turned: Sequence[Finding] = (),
 ) -> tuple[tuple[Finding, ...], ImuTrack]:
     """What stands out, and the IMU with what is no fault taken out: how it sits in the vehicle.
 
     allowed: the drift that is expected in the windows that are judged. faults: of `reading_faults`. best: the best
-    estimate, None where the flight allows none. constants: what its IMUs read wrongly all the time.
+    estimate, None where the flight allows none. constants: what its IMUs read wrongly all the time. turned: of other
+    IMUs, whatever else these seem to be comes of that.
     """
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
@@ -145,9 +148,11 @@ def findings(
     all_findings += jumps
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
-    others = list(_of_other_imus(flight, comparison, faults))
+    others = [*_of_other_imus(flight, comparison, faults), *turned]
+    unread_imus = {f.cause.imu for f in turned if f.cause is not None}
+    all_findings = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
     all_findings = [with_reports(f, flight) for f in all_findings if not _follows(f, all_findings)]
-    return by_severity([*misled_by_frozen(all_findings), *others]), clean
+    return by_severity([*misled_by_turned(misled_by_frozen(all_findings)), *others]), clean
 
 
 def _tilted(fitted: Installation) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuTrack, SensorInUse, interpolated
+from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
 from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
 from companion.telemetry.samples import commonest, imu_track, increasing
@@ -119,13 +119,6 @@ _FIFO_MOST = 32  # samples in a message
 _FULL_SCALE = 32768.0  # of the FIFO's 16 bits
 _CALIBRATIONS = 4  # CAL_GYRO0_* to CAL_GYRO3_*
 _AXES = "XYZ"
-_ROTATIONS = (
-    "", "Y45", "Y90", "Y135", "Y180", "Y225", "Y270", "Y315", "R180", "R180 Y45", "R180 Y90", "R180 Y135", "P180",
-    "R180 Y225", "R180 Y270", "R180 Y315", "R90", "R90 Y45", "R90 Y90", "R90 Y135", "R270", "R270 Y45", "R270 Y90",
-    "R270 Y135", "P90", "P270", "P180 Y90", "P180 Y270", "R90 P90", "R180 P90", "R270 P90", "R90 P180", "R270 P180",
-    "R90 P270", "R180 P270", "R270 P270", "R90 P180 Y90", "R90 Y270", "R90 P68 Y293", "P315", "R90 P315",
-)  # fmt: skip
-"""enum Rotation: roll, pitch and yaw in degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,11 +218,9 @@ def _calibrated(values: Array, kind: str, device: int, parameters: Mapping[str, 
         values = (values - offset) * scale
         own = parameters.get(f"{of}ROT", -1.0)
         rotation = own if own >= 0 else rotation  # of an external sensor
-    degrees = dict.fromkeys("RPY", 0.0)
-    if 0 <= rotation < len(_ROTATIONS):
-        degrees |= {part[0]: float(part[1:]) for part in _ROTATIONS[int(rotation)].split()}
+    degrees = ORIENTATIONS[int(rotation) if 0 <= rotation < len(ORIENTATIONS) else 0]
     level = [parameters.get(f"SENS_BOARD_{axis}_OFF", 0.0) for axis in _AXES]
-    turn = _matrix(*level) @ _matrix(degrees["R"], degrees["P"], degrees["Y"])
+    turn = _matrix(*level) @ _matrix(*degrees)
     return np.asarray(values @ turn.T)
 
 
