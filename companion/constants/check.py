@@ -34,6 +34,9 @@ FIX_JUMPS_GROUPED_S = 5.0
 YAW_STEP_RATE_HZ = 20.0  # below it a turn between two samples looks like a step of the heading
 YAW_STEP_S = 0.2  # windows in which a heading step is searched for
 GROUPED_S = 1.0  # jumps, and shocks, closer than this are one finding
+SETTING_KEYFRAMES = 20  # from which on a setting is compared with the flight
+SETTING_PERCENTILES = (10.0, 90.0)  # of a heading error, that may differ by twice what an estimator is off by
+SETTING_SWIFT = 90.0  # percentile of the speed
 FIX_3D = 3  # GPS_FIX_TYPE
 # EKF_STATUS_FLAGS and nav_filter_status (GPS glitching, dead reckoning), ESTIMATOR_STATUS_FLAGS (GPS glitch)
 GPS_REJECTED = {

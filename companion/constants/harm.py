@@ -32,6 +32,9 @@ LEVER_ARM_M = 0.05
 FLOWN_M = 2.0  # a flight is higher than this
 
 # Aiding sensors and jumps
+DECLINATION_RAD = radians(4.0)  # more than what iron leaves of a calibrated compass (healthy.MAGNETIC_HEADING_RAD)
+GPS_DELAY_M = 1.0  # a setting by which the position lags so far: what a healthy receiver is off by
+ANTENNA_M = 0.3  # from where it is set to be
 FROZEN_MPS = 1.0  # by GPS: a gyro that reads a turn at rest is off itself
 FIX_JUMP_M = 10.0  # beyond what velocities say: far more than what two fixes of a healthy receiver differ by
 GPS_OUTAGE_S = 5.0  # an accelerometer that is off by 0.1 m/s² has moved a dead-reckoned position by 1.25 m then

@@ -7,6 +7,7 @@ from companion.estimation.clipping import clip_counters
 from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
+from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
@@ -92,6 +93,7 @@ __all__ = [
     "coning",
     "corrected",
     "differences",
+    "field_at",
     "folded_gain",
     "folded_onto",
     "harmful",

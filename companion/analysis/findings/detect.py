@@ -25,6 +25,7 @@ from companion.analysis.findings.outages import outage_findings, receiver_findin
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
+from companion.analysis.findings.settings import setting_findings
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.turned import misled_by_turned
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
@@ -142,17 +143,24 @@ def findings(
         deviations = estimator_deviations(flight, best, limits, tilted)
         deviations = tuple(one for one in deviations if not _is_led_to(one.start, one.end, faults))
         all_findings += findings_of(while_judged, deviations, best, jumps, flight.imu_in_use)
-        all_findings += known_biases(flight, best)
+        all_findings += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
     others = [*_of_other_imus(flight, comparison, faults), *turned]
+    return _told_once(flight, all_findings, others, turned), clean
+
+
+def _told_once(
+    flight: Flight, all_findings: Sequence[Finding], others: Sequence[Finding], turned: Sequence[Finding]
+) -> tuple[Finding, ...]:
+    """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""
     unread_imus = {f.cause.imu for f in turned if f.cause is not None}
-    all_findings = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
-    all_findings = [with_reports(f, flight) for f in all_findings if not _follows(f, all_findings)]
-    return by_severity([*misled_by_turned(misled_by_frozen(all_findings)), *others]), clean
+    own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
+    own = [with_reports(f, flight) for f in own if not _follows(f, own)]
+    return by_severity([*misled_by_turned(misled_by_frozen(own)), *others])
 
 
 def _tilted(fitted: Installation) -> tuple[float, float]:

@@ -1,0 +1,156 @@
+"""Findings about settings of the estimator that the flight contradicts: declination, GPS delay, place of the antenna.
+
+Each is known to the best estimate from the sensors alone. What is found is said with the value to set; it accuses
+nobody: what it did to the estimate is found as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.analysis.finding import Finding, digits
+from companion.analysis.parameters import parameter
+from companion.analysis.phases import flown, phases
+from companion.analysis.reference import Limits, attitude_error, reference_at
+from companion.constants import check, harm, healthy, num
+from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, kind_of
+from companion.model import Array, Flight
+
+
+def setting_findings(flight: Flight, best: BestEstimate, limits: Limits) -> Iterator[Finding]:
+    """Those of a flight; its IMU has to fit the other sensors, which tell nothing else."""
+    if best.contradicted:
+        return
+    for found in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
+        if found is not None:
+            kind, evidence, advice = found
+            yield Finding(kind, "data", "warning", float(best.t[0]), float(best.t[-1]), evidence, advice)
+
+
+def _declination(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[str, str, str] | None:
+    """A heading that is off by as much as the declination that is set, or by all of it where none is.
+
+    An estimator that looks the declination up takes no notice of what is set: then its heading is not off.
+    """
+    earth = field_at(best.origin or flight.origin, flight.epoch)
+    error = _heading_error(flight, best, limits)
+    if earth is None or error is None:
+        return None
+    off, sigma = error
+    name, declination = _set_declination(flight)
+    expected = (0.0 if declination is None else declination) - earth.declination
+    apart = abs(np.remainder(off - expected + np.pi, 2.0 * np.pi) - np.pi)
+    if abs(expected) < harm.DECLINATION_RAD or apart > num.SIGMAS * sigma or abs(off) < 2.0 * apart:
+        return None
+    of_place = np.degrees(earth.declination)
+    if declination is None:
+        if abs(off) < num.SIGMAS * sigma:
+            return None
+        what = f"as if no declination were used: it is {of_place:.1f}° here"
+    else:
+        what = (
+            f"as the declination that is set says: {name} is {np.degrees(declination):.1f}°, and {of_place:.1f}° here"
+        )
+    value = f"{earth.declination:.4f} (rad)" if name.startswith("COMPASS") else f"{of_place:.1f}°"
+    return (
+        "declination",
+        f"the autopilot's heading is off by {np.degrees(off):.1f} ± {np.degrees(sigma):.1f}° since the start of the "
+        f"log, {what} by the World Magnetic Model",
+        f"Set {name} to {value}, or have it looked up: {_LOOKED_UP.get(name, 'by the place')}.",
+    )
+
+
+_LOOKED_UP = {"COMPASS_DEC": "COMPASS_AUTODEC 1", "EKF2_MAG_DECL": "bit 0 of EKF2_DECL_TYPE"}
+
+
+def _set_declination(flight: Flight) -> tuple[str, float | None]:
+    """What it is called, and its value, rad, where the log has it and says that it is used."""
+    own, degrees = parameter(flight, "COMPASS_DEC"), parameter(flight, "EKF2_MAG_DECL", "ATT_MAG_DECL")
+    if own is not None:
+        return own[0], own[1] if parameter(flight, "COMPASS_AUTODEC") == ("COMPASS_AUTODEC", 0.0) else None
+    if degrees is not None:
+        looked_up = int(flight.parameters.get("EKF2_DECL_TYPE", 0.0)) & 1
+        return degrees[0], None if looked_up else float(np.radians(degrees[1]))
+    return {"ARDUPILOTMEGA": "COMPASS_DEC", "PX4": "EKF2_MAG_DECL"}.get(
+        flight.vehicle.autopilot, "the declination"
+    ), None
+
+
+def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[float, float] | None:
+    """By how much the autopilot's heading is off in the air, rad, and its 1σ; None where that changes.
+
+    In the air, for on the ground a compass may be beside iron; of a vehicle that was not, throughout.
+    """
+    reference = reference_at(flight.require_attitude(), None, best.t, limits)
+    aloft = [(best.t >= begin) & (best.t <= end) for begin, end in flown(phases(flight))]
+    known = reference.attitude_known & (np.any(aloft, axis=0) if aloft else True)
+    if known.sum() < check.SETTING_KEYFRAMES:
+        return None
+    error = attitude_error(reference.q_ned_frd[known], best.q_ned_frd[known])[:, 2]
+    middle = float(np.median(error))
+    low, high = np.percentile(np.remainder(error - middle + np.pi, 2.0 * np.pi) - np.pi, check.SETTING_PERCENTILES)
+    if high - low > 2.0 * healthy.AP_SIGMA["heading"]:
+        return None
+    own = float(np.median(best.sigma(ATTITUDE)[known, 2]))
+    return middle, float(np.hypot(own, healthy.AP_SIGMA["heading"]))
+
+
+def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
+    """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
+    found = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
+    measured = _told(best, "gps_latency")
+    if found is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
+        return None
+    name, value = found
+    of_driver = value == 0.0 and name != "EKF2_GPS_DELAY"  # ArduPilot takes what is known of the receiver then
+    low, high = healthy.GPS_DRIVER_DELAY_S if of_driver else (1e-3 * value, 1e-3 * value)
+    latency, sigma = float(measured[0][0]), float(measured[1][0])
+    off = max(latency - high, low - latency)
+    swift = float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
+    if off < max(num.SIGMAS * sigma, kind_of("gps_latency").least) or off * swift < harm.GPS_DELAY_M:
+        return None
+    is_set = (
+        f"{name} is 0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}" if of_driver else f"{name} is {value:g}"
+    )
+    return (
+        "gps_delay",
+        f"the GPS fixes are {1e3 * latency:.0f} ± {1e3 * sigma:.0f} ms late, and {is_set}: at {swift:.0f} m/s the "
+        f"estimate is {off * swift:.1f} m off",
+        f"Set {name} to {max(10.0 * round(100.0 * latency), 1.0):.0f} (ms).",
+    )
+
+
+def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
+    """An antenna that sits elsewhere than is set."""
+    measured = _told(best, "lever_arm")
+    names = next((one for one in _ANTENNA if f"{one[0]}_X" in flight.parameters), None)
+    if measured is None or names is None:
+        return None
+    antenna, imu = (np.array([flight.parameters.get(f"{n}_{axis}", 0.0) for axis in "XYZ"]) for n in names)
+    lever, sigma = measured
+    off = lever - (antenna - imu)
+    if not (np.abs(off) > np.maximum(check.LEVER_SIGMAS * sigma, harm.ANTENNA_M)).any():
+        return None
+    return (
+        "antenna_position",
+        f"the GPS antenna sits ({digits(lever, 2)}) ± ({digits(sigma, 2)}) m from the IMU, and "
+        f"({digits(antenna - imu, 2)}) m is set",
+        f"Set {names[0]}_X, _Y, _Z to ({digits(imu + lever, 2)}), if it is mounted there.",
+    )
+
+
+_ANTENNA = (("GPS1_POS", "INS_POS1"), ("GPS_POS1", "INS_POS1"), ("EKF2_GPS_POS", "EKF2_IMU_POS"))
+
+
+def _told(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
+    """A constant of the flight and its 1σ, where the flight tells far more of it than was believed before."""
+    place, believed = CONSTANTS[name]
+    sigma = best.constants_sigma[place]
+    told = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
+    return (best.states.constant(name), sigma) if told else None
+
+
+def _changes(best: BestEstimate, kind: str) -> bool:
+    return any(one.kind == kind for one in best.explained)
