@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.constant_faults import compass_fault_probability
+from companion.analysis.constant_faults import compass_fault_probability, scale_fault_probability
 from companion.analysis.fault_interval import (
     SENSORS,
     EstimatorDeviation,
@@ -164,6 +164,8 @@ def _of_interval(
 
 def _since_start(interval: FaultInterval, best: BestEstimate) -> float:
     """The probability that what was off since the start is a fault, where it is known what a calibration leaves."""
+    if interval.kind in ("gyro_scale", "accel_scale"):
+        return scale_fault_probability(interval.size, np.full(len(interval.size), interval.sigma))
     size, sigma, unit = size_told(interval, best)
     return compass_fault_probability(size, sigma) if interval.side == "compass" and unit == "µT" else 0.0
 

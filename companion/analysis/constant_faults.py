@@ -18,7 +18,7 @@ from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.lasting_errors import steady_error
 from companion.constants import check, harm, healthy, num, priors
-from companion.estimation import BestEstimate, at_rest, differences, kind_of
+from companion.estimation import BestEstimate, Explained, at_rest, differences, kind_of, times_of_change
 from companion.model import Array, Flight
 
 
@@ -46,13 +46,14 @@ class ConstantError:
 
 def _usual(sensor: str) -> float:
     """1σ of a part in order, wide on purpose: nineteen of twenty stay within the double."""
-    return 0.5 * (healthy.USUAL_IRON if sensor == "compass" else healthy.USUAL_BIAS[sensor])
+    return 0.5 * ({"compass": healthy.USUAL_IRON, "scale": healthy.USUAL_SCALE} | healthy.USUAL_BIAS)[sensor]
 
 
 def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) -> Array:
     """The probability (N,) that each of N sensors of a kind has a constant fault on an axis.
 
-    values: (N,) their errors, all measured by one estimate that is off by sigma; own: (N,) 1σ of each beside that.
+    sensor: "gyro", "accel", "compass", or "scale". values: (N,) their errors, all measured by one estimate that is off
+    by sigma; own: (N,) 1σ of each beside that.
     """
     usual, large = _usual(sensor), harm.CONSTANT_FAULT_SIGMA[sensor]
     count = len(values)
@@ -74,6 +75,12 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
 def compass_fault_probability(size: float, sigma: float) -> float:
     """That a compass which has been off by a size (µT, with its 1σ) since the start is not of a usual calibration."""
     return float(fault_probabilities("compass", np.array([size]), sigma, np.zeros(1))[0])
+
+
+def scale_fault_probability(size: Array, sigma: Array) -> float:
+    """The same of scale errors (n,) of a gyro or an accelerometer, no unit, each with its 1σ (n,)."""
+    pairs = zip(size, sigma, strict=True)
+    return max(float(fault_probabilities("scale", np.array([one]), own, np.zeros(1))[0]) for one, own in pairs)
 
 
 def read_wrongly(
@@ -100,18 +107,29 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
     """
     if best.contradicted:
         return ()
-    changed = {(e.imu, kind_of(e.kind).sensor) for e in best.explained if not kind_of(e.kind).nuisance}
+    since_start = [e for e in best.explained if _is_constant(e, best)]
+    changed = {
+        (e.imu, kind_of(e.kind).sensor) for e in best.explained if not kind_of(e.kind).nuisance and e not in since_start
+    }
     others = differences(flight, best.imu)
     out: list[ConstantError] = []
     for sensor in ("gyro", "accel"):
         if (None, sensor) in changed:
             continue
         value, sigma = steady_error(best, sensor)
+        for one in (e for e in since_start if kind_of(e.kind).sensor == sensor):
+            value, sigma = value + one.size, np.hypot(sigma, one.sigma)
         steady = [one for one in others if (one.instance, sensor) not in changed]
         imus = [(best.imu.instance, best.imu.source), *((one.instance, one.source) for one in steady)]
         values = [value, *(value + np.median(one.value[sensor], axis=0) for one in steady)]
         out += _weighed(sensor, imus, values, [np.zeros(3), *(one.aliased[sensor] for one in steady)], sigma)
     return tuple(out)
+
+
+def _is_constant(one: Explained, best: BestEstimate) -> bool:
+    """Whether it is a bias of the estimate's IMU that may have been there since the start, and has stayed."""
+    begun = one.onset - num.ONSET_SIGMAS * one.onset_sigma <= times_of_change(best.t)[0]
+    return begun and one.shape == "step" and one.imu is None and one.kind in ("gyro_bias", "accel_bias")
 
 
 def _weighed(

@@ -58,6 +58,7 @@ GYRO_TIMES = 4.0  # times what calibration leaves: a gyro may be wrong as well
 AP_HEADING_RAD = 0.1  # 1σ
 USUAL_IRON = 15.0  # µT, 30 % of the field: what ArduPilot's CompassMot still calls acceptable of motor currents
 USUAL_BIAS = {"gyro": 0.018, "accel": 0.2}  # SI: twice what 19 of 20 axes of 14 real vehicles stay below in flight
+USUAL_SCALE = 0.03  # of any reading: the tolerance of an MPU-6000's gyro, whose scale no autopilot calibrates
 AP_MIN_SIGMA = 1e-4  # rad, m/s: nobody is more certain
 REST_CONTRAST = 3.0  # an armed vehicle that rests becomes this much louder when it flies
 REST_SPREAD = (0.012, 0.2)  # rad/s, m/s²: a spread that no bench has; a boat at its moorings does

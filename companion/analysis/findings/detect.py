@@ -30,6 +30,7 @@ from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.turned import misled_by_turned
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
+from companion.analysis.lasting_errors import ALL_THE_TIME
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
 from companion.analysis.reference import Limits
@@ -159,6 +160,8 @@ def _told_once(
     """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""
     unread_imus = {f.cause.imu for f in turned if f.cause is not None}
     own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
+    constant = {f.kind for f in own if f.severity == "error" and f.cause is not None and f.cause.onset_sigma_s is None}
+    own = [f for f in own if not (f.kind in constant and f.side == "data" and ALL_THE_TIME in f.evidence)]
     own = [with_reports(f, flight) for f in own if not _follows(f, own)]
     return by_severity([*misled_by_turned(misled_by_frozen(own)), *others])
 
