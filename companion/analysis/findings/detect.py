@@ -150,8 +150,7 @@ def findings(
     all_findings += jumps
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
-    others = [*_of_other_imus(flight, comparison, faults), *turned]
-    return _told_once(flight, all_findings, others, turned), clean
+    return _told_once(flight, all_findings, [*_of_other_imus(flight, comparison, faults), *turned], turned), clean
 
 
 def _told_once(

@@ -23,9 +23,9 @@ def setting_findings(flight: Flight, best: BestEstimate, limits: Limits) -> Iter
     """Those of a flight; its IMU has to fit the other sensors, which tell nothing else."""
     if best.contradicted:
         return
-    for found in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
-        if found is not None:
-            kind, evidence, advice = found
+    for told in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
+        if told is not None:
+            kind, evidence, advice = told
             yield Finding(kind, "data", "warning", float(best.t[0]), float(best.t[-1]), evidence, advice)
 
 
@@ -99,11 +99,11 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
 
 def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
-    found = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
+    setting = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
     measured = _told(best, "gps_latency")
-    if found is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
+    if setting is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
         return None
-    name, value = found
+    name, value = setting
     of_driver = value == 0.0 and name != "EKF2_GPS_DELAY"  # ArduPilot takes what is known of the receiver then
     low, high = healthy.GPS_DRIVER_DELAY_S if of_driver else (1e-3 * value, 1e-3 * value)
     latency, sigma = float(measured[0][0]), float(measured[1][0])
