@@ -47,13 +47,15 @@ def is_internal(flight: Flight, instance: int) -> bool | None:
 def mended(flight: Flight, name: str, turn: Array) -> str:
     """The value of an orientation by which its readings would be turned further by a rotation (4,), in words.
 
-    The name and the turn alone where the log does not have what is set now, or the list has nothing like it.
+    The name alone for a rotation that is none of the list; with it where the log does not have what is set now.
     """
+    further, apart = orientation_number(turn)
     now = flight.parameters.get(name, np.nan)
-    further, _ = orientation_number(turn)
+    if apart > check.ORIENTATION_EXACT_RAD:
+        return name
     if not 0 <= now < len(ORIENTATIONS):
         return f"{name} (turned further by {orientation_name(further)})"
-    number, off = orientation_number(quaternion.multiply(turn, orientations()[int(now)]))
-    if off > check.ORIENTATION_EXACT_RAD:
+    number, apart = orientation_number(quaternion.multiply(turn, orientations()[int(now)]))
+    if apart > check.ORIENTATION_EXACT_RAD:
         return f"{name} (now {now:g}, turned further by {orientation_name(further)})"
     return f"{name} to {number} ({orientation_name(number)}; now {now:g})"

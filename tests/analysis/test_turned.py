@@ -129,3 +129,5 @@ def test_where_the_log_does_not_have_what_is_set_the_turn_alone_is_said() -> Non
     assert mended(flight, "COMPASS_ORIENT", orientations()[8]) == "COMPASS_ORIENT (turned further by roll 180°)"
     custom = flown(parameters={"COMPASS_ORIENT": 100.0})
     assert mended(custom, "COMPASS_ORIENT", orientations()[2]) == "COMPASS_ORIENT (turned further by yaw 90°)"
+    slightly = quaternion.exp(np.array([0.0, 0.0, 0.4]))
+    assert mended(custom, "COMPASS_ORIENT", slightly) == "COMPASS_ORIENT", "none of the list"
