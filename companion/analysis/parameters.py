@@ -44,13 +44,14 @@ def is_internal(flight: Flight, instance: int) -> bool | None:
     return None if rotation is None else rotation[1] < 0.0
 
 
-def mended(flight: Flight, name: str, turn: Array) -> str:
+def mended(flight: Flight, name: str, turn: Array, turned_by: str = "") -> str:
     """The value of an orientation by which its readings would be turned further by a rotation (4,), in words.
 
-    The name alone for a rotation that is none of the list; with it where the log does not have what is set now.
+    turned_by: what its readings are turned by now, where that is another parameter. The name alone for a rotation that
+    is none of the list; with it where the log does not have what is set now.
     """
     further, apart = orientation_number(turn)
-    now = flight.parameters.get(name, np.nan)
+    now = flight.parameters.get(turned_by or name, np.nan)
     if apart > check.ORIENTATION_EXACT_RAD:
         return name
     if not 0 <= now < len(ORIENTATIONS):
@@ -58,4 +59,5 @@ def mended(flight: Flight, name: str, turn: Array) -> str:
     number, apart = orientation_number(quaternion.multiply(turn, orientations()[int(now)]))
     if apart > check.ORIENTATION_EXACT_RAD:
         return f"{name} (now {now:g}, turned further by {orientation_name(further)})"
-    return f"{name} to {number} ({orientation_name(number)}; now {now:g})"
+    now_set = "" if turned_by else f"; now {now:g}"
+    return f"{name} to {number} ({orientation_name(number)}{now_set})"

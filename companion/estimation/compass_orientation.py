@@ -65,10 +65,10 @@ def righted(flight: Flight, turned: tuple[TurnedCompass, ...]) -> Flight:
 def _fields(one: CompassTrack, flight: Flight, best: BestEstimate) -> tuple[Array, Array, Array] | None:
     """What a compass reads and the Earth's field at the same times, (N, 3) µT each, and down, all in the body.
 
-    None for too few readings, or a field that is not known.
+    None for too few readings, a field that is not known, and for readings that are in the sensor's own axes.
     """
     earth = field_at(best.origin or flight.origin, flight.epoch)
-    good = np.isfinite(one.field).all(axis=1) & (one.t >= best.t[0]) & (one.t <= best.t[-1])
+    good = one.calibrated & np.isfinite(one.field).all(axis=1) & (one.t >= best.t[0]) & (one.t <= best.t[-1])
     rows = np.flatnonzero(good)
     fewest, most = check.ORIENTATION_READINGS
     if earth is None or len(rows) < fewest:

@@ -131,3 +131,12 @@ def test_where_the_log_does_not_have_what_is_set_the_turn_alone_is_said() -> Non
     assert mended(custom, "COMPASS_ORIENT", orientations()[2]) == "COMPASS_ORIENT (turned further by yaw 90°)"
     slightly = quaternion.exp(np.array([0.0, 0.0, 0.4]))
     assert mended(custom, "COMPASS_ORIENT", slightly) == "COMPASS_ORIENT", "none of the list"
+
+
+def test_an_internal_compass_turns_with_the_board() -> None:
+    parameters = ARDUPILOT | {"COMPASS_EXTERNAL": 0.0, "AHRS_ORIENTATION": 4.0, "COMPASS_ORIENT": 0.0}
+    flight = with_compass(flown(parameters=parameters), 2)
+    rover = replace(flight, vehicle=replace(flight.vehicle, type="GROUND_ROVER"))
+    found = of_kind(assess(rover, GENERIC).verdict, "compass_orientation")
+    assert not found.undecided
+    assert found.advice.endswith("if it is external, say so and set COMPASS_ORIENT to 6 (yaw 270°).")

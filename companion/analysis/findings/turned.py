@@ -35,10 +35,10 @@ def righted_compasses(
 
 def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
     turn = orientations()[one.orientation]
-    internal = is_internal(flight, one.instance)
-    sure = bool(internal) or _imu_is_right(flight, best, turn)
-    compass = mended(flight, compass_orientation(flight, one.instance), turn)
-    board = mended(flight, board_orientation(flight), quaternion.conjugate(turn))
+    internal = bool(is_internal(flight, one.instance))  # a board that is turned takes it along
+    sure = internal or _imu_is_right(flight, best, turn)
+    board = board_orientation(flight)
+    compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
     what = "" if sure else " and the IMU are turned against each other"
     how = (
         f"the compass ({one.source}){what or ' is turned'} by {orientation_name(one.orientation)} since the start of "
@@ -48,16 +48,14 @@ def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
     begin, end = float(best.t[0]), float(best.t[-1])
     if not sure:
         told = f"{how}; which of them sits so, or is set so, cannot be told"
-        advice = f"Set {compass} if the compass is mounted so, or {board} if the board is."
+        turned_board = mended(flight, board, quaternion.conjugate(turn))
+        advice = f"Set {compass} if the compass is mounted so, or {turned_board} if the board is."
         return Finding("compass_orientation", "data", "warning", begin, end, told, advice, undecided=True)
     size = float(2.0 * np.arccos(min(abs(turn[0]), 1.0)))
     cause = Cause("compass_orientation", "data", begin, sensor="compass", size=size, unit="rad")
     advice = f"Set {compass}, and calibrate the compass again."
     if internal:
-        advice = (
-            f"It is an internal compass, which turns with the board ({board_orientation(flight)}): is it set to be "
-            f"external by mistake, or the reverse? Else set {compass}, or do not use it."
-        )
+        advice = f"It is set to be internal, turned with {board}: if it is external, say so and set {compass}."
     return Finding("compass_orientation", "data", "warning", begin, end, how, advice, how, cause)
 
 
