@@ -47,17 +47,16 @@ def is_internal(flight: Flight, instance: int) -> bool | None:
 def mended(flight: Flight, name: str, turn: Array, turned_by: str = "") -> str:
     """The value of an orientation by which its readings would be turned further by a rotation (4,), in words.
 
-    turned_by: what its readings are turned by now, where that is another parameter. The name alone for a rotation that
-    is none of the list; with it where the log does not have what is set now.
+    turned_by: what its readings are turned by now, where that is another parameter. Where the log does not have what is
+    set now, the turn itself; where that, or the value, is none of the list, the name alone.
     """
-    further, apart = orientation_number(turn)
     now = flight.parameters.get(turned_by or name, np.nan)
-    if apart > check.ORIENTATION_EXACT_RAD:
-        return name
     if not 0 <= now < len(ORIENTATIONS):
-        return f"{name} (turned further by {orientation_name(further)})"
+        further, apart = orientation_number(turn)
+        listed = apart < check.ORIENTATION_EXACT_RAD
+        return f"{name} (turned further by {orientation_name(further)})" if listed else name
     number, apart = orientation_number(quaternion.multiply(turn, orientations()[int(now)]))
     if apart > check.ORIENTATION_EXACT_RAD:
-        return f"{name} (now {now:g}, turned further by {orientation_name(further)})"
+        return name
     now_set = "" if turned_by else f"; now {now:g}"
     return f"{name} to {number} ({orientation_name(number)}{now_set})"

@@ -14,10 +14,11 @@ from companion.analysis.constant_faults import (
     constant_findings,
     errors_at_rest,
     fault_probabilities,
+    scale_fault_probability,
 )
 from companion.constants import healthy
 from companion.constants.priors import ACCUSED
-from companion.estimation import BestEstimate, smooth
+from companion.estimation import BestEstimate, Explained, smooth
 from companion.model import Array, Flight, ImuTrack
 from tests.estimation.sensed import sensed
 
@@ -86,6 +87,29 @@ def test_of_another_imu_it_is_that_one(
     assert one.cause is not None
     assert (one.cause.imu, one.cause.sensor) == (1, sensor)
     assert one.cause.size == pytest.approx(max(np.abs(value)), rel=0.1)
+
+
+@pytest.mark.parametrize(("onset", "sigma", "constant"), [(0.5, 0.2, True), (20.0, 15.0, True), (20.0, 1.0, False)])
+def test_a_step_that_may_be_as_old_as_the_log_is_a_constant_error(
+    flight: Flight, best: BestEstimate, onset: float, sigma: float, *, constant: bool
+) -> None:
+    """What the smoother explains by a step at the start it leaves out of the bias."""
+    size, own = np.array([0.0, 0.0, 0.06]), np.full(3, 1e-3)
+    step = Explained("gyro_bias", "step", float(best.t[0]) + onset, sigma, np.inf, size, own)
+    errors = constant_errors(replace(best, explained=(step,)), flight)
+    (gyro,) = [one for one in errors if one.sensor == "gyro"] if constant else [None]
+    assert {one.sensor for one in errors} == ({"gyro", "accel"} if constant else {"accel"})
+    if gyro is not None:
+        assert gyro.value[2] == pytest.approx(0.06, abs=0.01)
+        assert gyro.probability > ACCUSED
+
+
+def test_a_scale_is_at_fault_beyond_what_parts_do() -> None:
+    part, own = 0.5 * healthy.USUAL_SCALE, np.full(3, 0.005)
+    sizes = [scale_fault_probability(np.array([0.0, -size, 0.0]), own) for size in (0.0, 2.0 * part, 5.0 * part, 0.2)]
+    assert (np.diff(sizes) > 0.0).all()
+    assert sizes[1] < 1.0 - ACCUSED
+    assert sizes[3] > ACCUSED
 
 
 def test_imus_in_order_are_accused_of_nothing(flight: Flight, best: BestEstimate) -> None:
