@@ -67,7 +67,7 @@ def add_parser(commands: parsers.Commands) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly."""
     if (arguments.link is None) == (arguments.output is None):
-        raise SettingsError("say either a LINK to fly on or a file with --output.")
+        raise SettingsError("name either a LINK to fly on or a file with --output.")
     if not 1 <= arguments.sysid <= 255:
         raise SettingsError(f"--sysid lies between 1 and 255, got {arguments.sysid}.")
     faults = faults_of(arguments.fault)
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         sysid=arguments.sysid,
         streams=_WRITTEN if arguments.output else {},
         parameters={**PARAMETERS, **filters, "INS_GYR_ID": float(ardupilot_id(part))},
-        tell_parameters=arguments.output is not None,
+        send_parameters=arguments.output is not None,
         faults=faults,
         seed=arguments.seed,
     )

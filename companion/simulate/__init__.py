@@ -1,4 +1,4 @@
-"""A vehicle with known truth: flies a closed form, measures it through the IMU model, speaks MAVLink. Deterministic."""
+"""A simulated vehicle with known truth: a motion in closed form, the IMU model, MAVLink. Deterministic."""
 
 from companion.simulate.circuit import square
 from companion.simulate.true_flight import (

@@ -1,4 +1,4 @@
-"""What each message of a simulated autopilot carries at the steps of its loop, in wire units."""
+"""The fields of each message of a simulated autopilot at the steps of its loop, in wire units."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ STREAMS = {
     "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29, "VIBRATION": 241, "EKF_STATUS_REPORT": 193, "ESTIMATOR_STATUS": 230,
     "EXTENDED_SYS_STATE": 245, "ODOMETRY": 331, "GPS2_RAW": 124, "SCALED_IMU3": 129, "ATTITUDE_TARGET": 83,
 }  # fmt: skip
-"""Messages that can be asked for → their ids."""
+"""Messages that can be requested → their ids."""
 
 
 def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) -> list[bytes]:

@@ -8,8 +8,8 @@ from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums,
 from companion.strapdown.dead_reckon import SAME_TIME, Preintegration, dead_reckon, preintegrate
 from companion.strapdown.dead_reckoner import DeadReckoner
 from companion.strapdown.gravity import normal_gravity
-from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
-from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
+from companion.strapdown.imu_model import ImuModel, Sensor, correct, simulate
+from companion.strapdown.increments import Increments, dense_attitude, increments
 from companion.strapdown.motions import Motion
 
 __all__ = [
@@ -25,7 +25,6 @@ __all__ = [
     "Propagation",
     "Sensor",
     "Sums",
-    "attitude_at",
     "correct",
     "dead_reckon",
     "dense_attitude",
@@ -36,7 +35,6 @@ __all__ = [
     "normal_gravity",
     "preintegrate",
     "propagate",
-    "quantisation_density",
     "quaternion",
     "simulate",
     "skew",
