@@ -166,10 +166,11 @@ def together(receipts: Sequence[tuple[Frames, float]]) -> Frames:
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
     """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
-    times = log_time(frames.stamp)
+    known: dict[str, npt.NDArray[Any]] = {name: getattr(frames, name) for name in _HEADER if name != "log_time"}
+    known["log_time"] = log_time(frames.stamp)
     by_name = {}
     for layout, index in grouped(frames, dialect):
-        columns = {name: (times if name == "log_time" else getattr(frames, name))[index] for name in _HEADER}
+        columns = {name: column[index] for name, column in known.items()}
         with_rows = names is None or layout.name in names
         rows = gather_rows(frames, index, layout) if with_rows else np.empty(0, layout.dtype)
         by_name[layout.name] = Messages(layout, **columns, rows=rows)

@@ -67,6 +67,11 @@ class Subject:
         """That of the IMU that was used."""
         return self.colours[self.imu]
 
+    @property
+    def longest_step(self) -> float:
+        """s, between two of its samples: a longer one is a gap."""
+        return self.comparison.how.limits.longest_step(self.comparison.track.t)
+
     def is_throughout(self, finding: Finding) -> bool:
         """Whether it lasts as long as the flight, so that its time says nothing."""
         first, last = self.ends

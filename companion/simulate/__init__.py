@@ -16,23 +16,3 @@ from companion.simulate.true_flight import (
     pressure,
 )
 from companion.simulate.vehicle import PARAMETERS, SimulatedVehicle, serve, write_flight
-
-__all__ = [
-    "GPS_SIGMA",
-    "HOME",
-    "LOOP_US",
-    "MOTIONS",
-    "PARAMETERS",
-    "TYPICAL",
-    "AidingReadings",
-    "Faults",
-    "Flown",
-    "SimulatedVehicle",
-    "aiding_readings",
-    "fly",
-    "low_pass",
-    "pressure",
-    "serve",
-    "square",
-    "write_flight",
-]

@@ -11,31 +11,3 @@ from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, simulate
 from companion.strapdown.increments import Increments, dense_attitude, increments
 from companion.strapdown.motions import Motion
-
-__all__ = [
-    "METHODS",
-    "MIDDLES",
-    "MOVED",
-    "SAME_TIME",
-    "DeadReckoner",
-    "ImuModel",
-    "Increments",
-    "Motion",
-    "Preintegration",
-    "Propagation",
-    "Sensor",
-    "Sums",
-    "correct",
-    "dead_reckon",
-    "dense_attitude",
-    "error_sums",
-    "increments",
-    "joined",
-    "motions",
-    "normal_gravity",
-    "preintegrate",
-    "propagate",
-    "quaternion",
-    "simulate",
-    "skew",
-]
