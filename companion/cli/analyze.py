@@ -37,17 +37,9 @@ from companion.present import (
 )
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "analyze",
-        "The verdict: do IMU and autopilot agree, or which is wrong?",
-        "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
-        "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
-        takes_several=True,
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_several=True)
     parsers.add_judgement(parser)
     parsers.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")

@@ -11,16 +11,9 @@ from companion.cli import options, parsers, sensor_lines, tables
 from companion.model import DataError
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "calibrate",
-        "The IMU errors that best explain a flight, each with its σ",
-        "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
-        "companion calibrate flight.tlog -o imu.toml",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)

@@ -15,16 +15,9 @@ from companion.export import FORMATS, Contents, reckoning_of, tables
 from companion.model import DataError
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "export",
-        "A flight for evo, Foxglove, maps, spreadsheets, notebooks",
-        "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
-        "companion export flight.tlog --format mcap -o flight.mcap",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_judgement(parser)
     folders = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
     parsers.add_reanchor(parser)

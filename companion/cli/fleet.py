@@ -48,11 +48,8 @@ _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
-    brief = "Every flight of many logs: tables and one page"
-    parser = parsers.add_command(commands, run, "fleet", brief, summary, "companion fleet logs/ -o results")
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"

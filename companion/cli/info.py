@@ -23,17 +23,9 @@ _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "info",
-        "What a log has: vehicles, sensors, messages, rates, gaps",
-        "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
-        "companion info flight.tlog",
-        takes_several=True,
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_several=True)
     parsers.add_json(parser)
     parser.add_argument(
         "--verbose",

@@ -29,16 +29,9 @@ _FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
 _MOST_PEAKS = 4
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "noise",
-        "IMU noise: Allan deviation at rest, spectra in flight",
-        "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
-        "companion noise flight.tlog -o imu.yaml",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
     parsers.add_imu_model(parser)

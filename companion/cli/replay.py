@@ -16,16 +16,9 @@ from companion.model import DataError, InputError, SettingsError
 _WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "replay",
-        "Send a recorded log to a link, for testing clients",
-        "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
-        "companion replay flight.tlog udpout:127.0.0.1:14550",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parser.add_argument(
         "link", metavar="LINK", help="udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT"
     )

@@ -28,12 +28,8 @@ _WRITTEN = {
 _DEFAULT_PART = "icm-42688-p"
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log."
-    example = "companion simulate udpout:127.0.0.1:14550 --duration 120"
-    brief = "A simulated vehicle, on a link or into a .tlog"
-    parser = parsers.add_command(commands, run, "simulate", brief, summary, example)
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")

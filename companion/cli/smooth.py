@@ -39,16 +39,9 @@ _NEEDS = {
 """Constant of the flight → the aiding sensor without which nothing is known of it."""
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "smooth",
-        "Best estimate of the trajectory from all sensors, without the EKF",
-        "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
-        "companion smooth flight.tlog -o best.tum",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
     parsers.add_json(parser)
