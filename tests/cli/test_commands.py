@@ -7,14 +7,14 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.cli import main
-from tests.recordings import BUNDLED, all_shared
+from tests.recordings import BUNDLED, all_shared, beginning
+from tests.remembered import once
 from tests.tlogs import Writer
 
 pytestmark = pytest.mark.slow
@@ -339,29 +339,17 @@ def test_help_has_an_example(command: str, capsys: Captured) -> None:
     assert f"example: companion {command} flight.tlog" in capsys.readouterr().out
 
 
-def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What it gave for its first argument the first time."""
-    known: dict[Any, Any] = {}
-
-    def call(first: Any, *rest: Any, **more: Any) -> Any:
-        key = first if isinstance(first, Path) else id(first)
-        if key not in known:
-            known[key] = function(first, *rest, **more)
-        return known[key]
-
-    return call
-
-
 @pytest.mark.parametrize("command", ["info", "analyze"])
 @pytest.mark.parametrize("path", all_shared())
 def test_every_recording_goes_through(
-    command: str, path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+    command: str, path: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a result, or with a sentence and exit code 2: never a traceback. Read once, told twice."""
-    monkeypatch.setattr("companion.cli.options.read_recording", remembered(read_recording))
-    monkeypatch.setattr("companion.cli.analyze.examine", remembered(examine))
+    """With a result, or with a sentence and exit code 2: never a traceback. Read once, printed twice."""
+    log = str(beginning(path, tmp_path))
+    monkeypatch.setattr("companion.cli.options.read_recording", once(read_recording))
+    monkeypatch.setattr("companion.cli.analyze.examine", once(examine))
     for json_too in ([], ["--json"]):
-        code = main([command, str(path), *json_too])
+        code = main([command, log, *json_too])
         said = capsys.readouterr()
         assert code in {0, 2}
         if code:
