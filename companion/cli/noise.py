@@ -1,4 +1,4 @@
-"""`companion noise LOG`: how noisy each IMU is, at rest and in flight."""
+"""`companion noise LOG`: the noise of each IMU, at rest and in flight."""
 
 from __future__ import annotations
 
@@ -137,8 +137,8 @@ def _at_rest(rest: RestNoise) -> Table:
     shown = tables.table("", "", "N /√Hz", "B", "K /√s", left=2)
     for sensor in SENSORS:
         for name, axis in zip("xyz", getattr(rest, f"{sensor.key}_axes"), strict=True):
-            figures = (getattr(axis, name_of, None) for name_of in ("white", "instability", "walk"))
-            shown.add_row(f"{sensor.key} {name}", sensor.unit, *(interval(one, sensor.factor) for one in figures))
+            parts = (getattr(axis, part, None) for part in ("white", "instability", "walk"))
+            shown.add_row(f"{sensor.key} {name}", sensor.unit, *(interval(one, sensor.factor) for one in parts))
     return shown
 
 

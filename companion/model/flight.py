@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -164,6 +164,10 @@ class Flight:
             f"Record the IMU at 50-200 Hz, with `companion record LINK` or {self.settings.imu_stream}, or use the "
             "on-board log"
         )
+
+    def with_imu(self, track: ImuTrack) -> Flight:
+        """With these readings in place of those of the same message."""
+        return replace(self, imus={**self.imus, track.source: track})
 
     def each_imu(self, fewest: int = 2) -> tuple[ImuTrack, ...]:
         """One track of every IMU that has samples enough: of several messages that with the highest rate."""

@@ -22,8 +22,10 @@ from companion.present.formats import (
     percent,
     severity_word,
     short,
+    shown_unit,
     significant,
     vehicle_words,
+    with_unit,
 )
 from companion.present.markup import Link, details, html_table, paragraph, table, text
 from companion.present.noise import SENSORS, density, interval

@@ -1,21 +1,18 @@
-"""What stands out, grouped and ranked as people read it: the same few lines for terminal, page and report."""
+"""Findings, grouped and ranked: the same few lines for terminal, page and report."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from companion.analysis import Finding, FlightVerdict, by_severity
 from companion.model import words
-from companion.present.formats import clause, significant
+from companion.present.formats import clause, shown_unit, significant, with_unit
 
 MOST_LINES = 7
 """Groups of findings on a screen."""
 
-_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": (" mrad/s", 1e3)}
-"""SI → as people read it, and how many of it are one."""
 _BRACKETS = re.compile(r" \([^()]*\)")
 
 
@@ -42,8 +39,8 @@ class FindingGroup:
         first, worst = self.findings[0], self.worst
         if len(self.findings) == 1:
             return first.evidence
-        unit, scale = _UNITS.get(worst.cause.unit, (f" {worst.cause.unit}", 1.0)) if worst.cause else ("", 1.0)
-        size = f" of up to {significant(_size(worst) * scale)}{unit}" if _size(worst) else ""
+        unit, factor = shown_unit(worst.cause.unit if worst.cause else "")
+        size = f" of up to {with_unit(significant(_size(worst) * factor), unit)}" if _size(worst) else ""
         return (
             f"{len(self.findings)} × {words(first.kind)}{size}, first at {first.start_s:.1f} s, "
             f"worst at {worst.start_s:.1f} s"

@@ -8,6 +8,7 @@ import re
 from companion.model import Vehicle, words
 from companion.strapdown import METHODS
 
+_SHOWN_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": ("mrad/s", 1e3), "": ("%", 100.0)}
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
@@ -42,6 +43,16 @@ def capitalised(sentence: str) -> str:
 def percent(share: float | None) -> str:
     """A share as whole per cent."""
     return "–" if share is None else f"{share:.0%}"
+
+
+def shown_unit(unit: str) -> tuple[str, float]:
+    """The unit that a number in SI is shown in, and the factor to it; a share is in per cent."""
+    return _SHOWN_UNITS.get(unit, (unit, 1.0))
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number and its unit: 3°, 3 m/s."""
+    return f"{number}{unit}" if unit == "°" else f"{number} {unit}"
 
 
 def length(metres: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from companion import present
 from companion.analysis import (
@@ -92,7 +92,7 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     shown, why = None, ""
     try:
         shown = replay(
-            replace(flight, imus={**flight.imus, track.source: track}),
+            flight.with_imu(track),
             imu=track.source,
             how=how,
             reanchor_s=settings.view.reanchor_s or None,
