@@ -1,4 +1,4 @@
-"""Many logs at once on dask.distributed: rows of every flight, in Parquet tables and on one page."""
+"""Many logs on dask.distributed: rows of every flight, in Parquet tables and on one page."""
 
 from companion.fleet.digest import (
     by_concern,

@@ -1,4 +1,4 @@
-"""A fleet's logs, examined: only what is new or changed, and everything that is known of them as tables and a page.
+"""A run over a fleet's logs: new and changed ones are examined, and all that is known is written.
 
 A run leaves four Parquet tables and the page in its folder. Nothing is written where nothing has changed.
 """
@@ -31,7 +31,7 @@ from companion.model import InputError
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
-    """How a fleet is examined, and by whom."""
+    """The options of a run."""
 
     folder: Path  # of the results
     settings: Settings
@@ -47,7 +47,7 @@ class FleetRun:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """What came of it."""
+    """The result of a run."""
 
     rows: Rows
     logs: int  # that were named

@@ -1,4 +1,4 @@
-"""The page of a replayed flight, and what it requests: dead reckoning at once, the analysis after it.
+"""The page of a replayed flight, and the answers to its requests: dead reckoning at once, the analysis after it.
 
 The one way to that page, for the command line and for a notebook. It loads viser, which takes a second.
 """

@@ -18,7 +18,7 @@ _BRACKETS = re.compile(r" \([^()]*\)")
 
 @dataclass(frozen=True, slots=True)
 class FindingGroup:
-    """Findings of one kind that speak against the same side, equally seriously; one or more, in order of time."""
+    """Findings of one kind, side and severity; one or more, in order of time."""
 
     findings: tuple[Finding, ...]
 
@@ -29,13 +29,13 @@ class FindingGroup:
 
     @property
     def when(self) -> str:
-        """57.3-81.0 s, or 57.7 s for a moment; "" where the words of a single one have its time."""
+        """57.3-81.0 s, or 57.7 s for a moment; "" for several, and where the evidence has the time."""
         one = self.findings[0]
         timed = one.cause is not None and one.headline != "" and one.cause.onset_sigma_s is not None
         return "" if timed or len(self.findings) > 1 else span(one)
 
     def __str__(self) -> str:
-        """The evidence of a single one; else how many, how large, when first and when worst."""
+        """The evidence of a single one; else count, largest size, first and worst time."""
         first, worst = self.findings[0], self.worst
         if len(self.findings) == 1:
             return first.evidence
@@ -62,7 +62,7 @@ def ranked(findings: Sequence[Finding], most: int = MOST_LINES) -> tuple[tuple[F
 
 
 def span(finding: Finding) -> str:
-    """When it was so: 57.3-81.0 s, or 57.7 s for a moment."""
+    """57.3-81.0 s, or 57.7 s for a moment."""
     start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
     return f"{start} s" if start == end else f"{start}-{end} s"
 
