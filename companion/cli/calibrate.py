@@ -34,7 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if not arguments.force and (assessment.verdict.status == "insufficient_data" or assessment.made_worse):
         raise DataError(
-            "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
+            "not written: this flight does not determine the IMU's constant errors (see above). "
+            "Write it all the same: --force"
         )
     text = correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})")
     with destination.replacing(path) as part:

@@ -19,7 +19,7 @@ def confusion_lines(best: BestEstimate | None, width: int) -> Iterator[str | Tab
     """Both tables; without a best estimate a line that says so."""
     yield ""
     if best is None or best.confusion is None:
-        yield "No confusion matrix: no best estimate could be made, by which faults would be told."
+        yield "No confusion matrix: no best estimate could be made."
         return
     matrix = best.confusion
     level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))

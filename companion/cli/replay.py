@@ -13,7 +13,7 @@ from companion.logs import log_format
 from companion.mavlink import load_dialect
 from companion.model import DataError, InputError, SettingsError
 
-_WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
+_WAITING = ("udpin", "tcpin", "tcp")  # links on which the peer has to send or listen first
 
 
 def add_options(parser: parsers.Parser) -> None:
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
-    """The autopilots in the log. Not their companion computers: what those say to an autopilot are commands."""
+    """The autopilots in the log. Not their companion computers: those send commands to an autopilot."""
     vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
     autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
     if not autopilots:

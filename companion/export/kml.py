@@ -75,7 +75,7 @@ def write_kml(path: Path, flight: Flight, shown: Replay, best: BestEstimate | No
             coordinates = (f"{lon:.8f},{lat:.8f},{height:.2f}" for lat, lon, height in where.tolist())
             lines.append(_line(name, " ".join(coordinates)))
     if not lines:
-        raise DataError("This log does not tell where on Earth the flight was: there is no path for a map.")
+        raise DataError("The log has no geographic position: there is no path for a map.")
     title = escape(f"vehicle {flight.vehicle}, boot {flight.boot}")
     path.write_text(
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'

@@ -96,7 +96,7 @@ def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Se
                     f" The {MOST_SENSORS} of {sensors} sensors with the most flights." if sensors > MOST_SENSORS else ""
                 )
                 body += charts.add(figure, f"{what} of each sensor, with its standard error.{most}", rows=3)
-        nothing = markup.paragraph("No flight tells a bias together with a date." if against == "date_s" else "")
+        nothing = markup.paragraph("No flight has both an observable bias and a date." if against == "date_s" else "")
         if body or against == "date_s":
             yield Section(anchor, f"Biases {title}", body or nothing)
 

@@ -19,7 +19,7 @@ _NAME = "mavlink-companion"
 def install_command(extra: str) -> str:
     """As it is typed in the working folder.
 
-    pipx and uv mark the environments that they make for a program; INSTALLER says who installed into another.
+    pipx and uv mark the environments that they make for a program; INSTALLER names the tool in any other.
     """
     try:
         installed = distribution(_NAME)

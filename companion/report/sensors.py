@@ -87,7 +87,7 @@ def _values(fit: Calibration, name: str) -> str:
 
 
 def _intervals(fit: Calibration) -> list[traces.Panel]:
-    """The vectors that the flight tells, each with a unit of its own."""
+    """The vectors that are observable, each with a unit of its own."""
     panels = []
     for name, part in CALIBRATED.items():
         if part.axes is not present.AXES or not fit.told(name):

@@ -73,7 +73,7 @@ class Subject:
         return self.comparison.how.limits.longest_step(self.comparison.track.t)
 
     def is_throughout(self, finding: Finding) -> bool:
-        """Whether it lasts as long as the flight, so that its time says nothing."""
+        """Whether it lasts as long as the flight."""
         first, last = self.ends
         return finding.end_s - finding.start_s > 0.9 * (last - first)
 

@@ -83,8 +83,7 @@ def _date(flight: Flight) -> str:
 def _cards(subject: Subject) -> list[tuple[str, str]]:
     """The few numbers that a reader wants first: the worst, what was expected there, when; then what is usual.
 
-    How many windows are inside their bound is not among them: the verdict says it of the windows that it judges, which
-    are fewer than those of the drift table.
+    The share of windows inside their bound is not among them: the verdict has it, of the windows that it judges.
     """
     cards = _worst(subject)
     drift = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
