@@ -177,7 +177,6 @@ def log_of(path: Path, *, imu: int = 0, attitude: int = 0, heartbeat: int = 50, 
     log.close()
 
 
-GROUND_STATION = {"sysid": 255, "compid": 190, "autopilot": 8, "kind": 6}
 LACKING = [
     (partial(log_of, attitude=50), "no IMU message"),
     (partial(log_of, imu=50), "no attitude"),
@@ -193,7 +192,7 @@ LACKING = [
         (Path.mkdir, "director"),
         (Path.touch, "empty"),
         (lambda path: path.write_bytes(b"no telemetry in here\n" * 100), "not a flight log"),
-        (partial(log_of, **GROUND_STATION), "no vehicle found"),
+        (partial(log_of, sysid=255, compid=190, autopilot=8, kind=6), "no vehicle found"),
     ],
 )
 def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp_path: Path, capsys: Captured) -> None:
