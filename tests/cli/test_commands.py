@@ -278,14 +278,6 @@ def test_bad_view_options(options: list[str], expected: str, capsys: Captured) -
     assert expected in refused(["view", DEMO, *options], capsys)
 
 
-@pytest.mark.parametrize("command", ["info", "analyze", "view"])
-def test_help_has_an_example(command: str, capsys: Captured) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main([command, "--help"])
-    assert stop.value.code == 0
-    assert f"example: companion {command} flight.tlog" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("command", ["info", "analyze"])
 @pytest.mark.parametrize("path", all_shared())
 def test_every_recording_goes_through(
