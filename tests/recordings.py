@@ -21,7 +21,7 @@ _PACKED = Path(__file__).with_name("data")
 _WITHOUT = "no ../shared: more recordings, which only widen what is tested"
 _ALL = os.environ.get("RECORDINGS") == "all"
 _PLAIN = (".tlog", ".bin", ".ulg")
-_SMALL = 1_500_000  # bytes
+_SMALL, _BEGINNING = 1_500_000, 400_000  # bytes
 _LARGE = "recordings of ../shared above 1.5 MB: RECORDINGS=all reads them too"
 _ALIKE = "recordings like others that are read: RECORDINGS=all reads them too"
 
@@ -73,6 +73,16 @@ def all_shared(*endings: str) -> list[Any]:
     return [pytest.param(p, id=p.name, marks=m) for p, m in zip(found, marks, strict=True)] or [
         pytest.param(SHARED, marks=pytest.mark.skip(_WITHOUT))
     ]
+
+
+def beginning(path: Path, folder: Path) -> Path:
+    """The first 400 kB of a telemetry log, at 4 Hz a quarter of an hour; the whole of others, or if RECORDINGS=all."""
+    if _ALL or path.suffix != ".tlog" or path.stat().st_size <= _BEGINNING:
+        return path
+    start = folder / path.name
+    with path.open("rb") as file:
+        start.write_bytes(file.read(_BEGINNING))
+    return start
 
 
 def alike(*names: str) -> list[Any]:

@@ -1,4 +1,8 @@
-"""Answers that are remembered: many tests ask the same of the same flight, and the analysis is a pure function."""
+"""Answers that are remembered: many tests have the same flight analysed, and the analysis is a pure function.
+
+Between processes they are pickled. Where CI is "true" nothing is: a function that is not pure after all, or a result
+that a pickle changes, cannot hide there (CONTRIBUTING.md).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ except ImportError:  # Windows
 
 
 class _Written(pickle.Pickler):
-    """Without what an object has cached of itself: whether somebody has looked at it is no part of a question."""
+    """Without what an object has cached of itself: it is no part of a question."""
 
     def reducer_override(self, thing: object) -> Any:
         if isinstance(thing, LazyTuple):
@@ -45,17 +49,30 @@ def _made(kind: type, fields: dict[str, Any]) -> object:
     return made
 
 
-def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:
-    """The same function, which answers what it was asked before from a folder that other processes may share.
+def once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, called once for each first argument: a path, or an object that is told from others by identity."""
+    known: dict[Any, Any] = {}
 
-    Every bit of the question counts.
+    def call(first: Any, *rest: Any, **more: Any) -> Any:
+        key = first if isinstance(first, Path) else id(first)
+        if key not in known:
+            known[key] = function(first, *rest, **more)
+        return known[key]
+
+    return call
+
+
+def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:
+    """The same function, which reads what it has answered before from a folder that other processes may share.
+
+    Every bit of the arguments counts.
     """
 
     @functools.wraps(pure)
-    def ask(*args: Any, **named: Any) -> Any:
-        question = _written((pure.__qualname__, args, sorted(named.items())))
+    def call(*args: Any, **named: Any) -> Any:
+        question = _written((pure.__module__, pure.__qualname__, args, sorted(named.items())))
         known = folder / hashlib.sha256(question).hexdigest()
-        with _alone(known.with_suffix(".asked")):
+        with _alone(known.with_suffix(".lock")):
             if known.exists():
                 return pickle.loads(known.read_bytes())
             answer = pure(*args, **named)
@@ -64,12 +81,12 @@ def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:
             begun.replace(known)
             return answer
 
-    return ask
+    return call
 
 
 @contextlib.contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Whoever asks the same meanwhile waits for the answer instead of looking for it too; not on Windows."""
+    """A second process with the same question waits for the answer; not on Windows."""
     with path.open("wb") as file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)

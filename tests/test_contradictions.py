@@ -11,10 +11,13 @@ from typing import Any
 import pytest
 
 from benchmarks.accuracy.labels import load_labels, recordings
+from companion.app.examination import examine
+from companion.app.recording import read_recording
 from companion.cli import main
 from companion.estimation import KINDS
 from companion.model import words
 from tests.recordings import BUNDLED, ROOT, SHARED, alike, recording, shared
+from tests.remembered import once
 
 pytestmark = pytest.mark.slow
 
@@ -203,8 +206,10 @@ def others() -> list[Any]:
     return [*QUICK, *alike(*(name for name in told if name not in QUICK and name not in OWN))]
 
 
-def screens_of(path: Path, capsys: pytest.CaptureFixture[str]) -> Screens | None:
-    """None of a recording that cannot be examined."""
+def screens_of(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Screens | None:
+    """None of a recording that cannot be examined. Read and examined once, for both screens."""
+    monkeypatch.setattr("companion.cli.options.read_recording", once(read_recording))
+    monkeypatch.setattr("companion.cli.analyze.examine", once(examine))
     if main(["analyze", str(path)]) != 0:
         return None
     short = " ".join(capsys.readouterr().out.split())
@@ -213,15 +218,19 @@ def screens_of(path: Path, capsys: pytest.CaptureFixture[str]) -> Screens | None
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_no_screen_contradicts_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    screens = screens_of(recording(name), capsys)
+def test_no_screen_contradicts_itself(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screens = screens_of(recording(name), capsys, monkeypatch)
     assert screens is not None
     assert [f"{pattern.__name__}: {what}" for pattern in PATTERNS for what in pattern(screens)] == []
 
 
 @pytest.mark.parametrize("name", others())
-def test_no_screen_of_others_contradicts_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    screens = screens_of(shared(name), capsys)
+def test_no_screen_of_others_contradicts_itself(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screens = screens_of(shared(name), capsys, monkeypatch)
     if screens is not None:
         assert [f"{pattern.__name__}: {what}" for pattern in PATTERNS for what in pattern(screens)] == []
 

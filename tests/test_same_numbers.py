@@ -178,5 +178,5 @@ def test_the_page_in_the_browser(flight: Document) -> None:
             assert same(p95[i], told[quantity]["p95"])
             assert same(expected[i], told["expected"][quantity])
     exported = c.export.tables(opened, display.replay)["reckoning"]
-    own = c.export.reckoning_of(opened, found, choice.reanchor_s)
+    own = c.export.assessed_replay(opened, found, choice.reanchor_s)
     assert np.array_equal(exported["position_imu_north_m"], own.position_imu[:, 0]), "the trajectory that is exported"

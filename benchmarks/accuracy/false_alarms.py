@@ -52,7 +52,7 @@ def simulated(seed: int, seconds: float) -> Iterator[tuple[float, bytes]]:
     """A healthy flight in pieces: (s UNIX when it arrived, bytes)."""
     model = model_of(load_imu_spec(PARTS[seed // 2 % len(PARTS)]), seed)
     flown = fly(seconds, motion=MOTIONS[seed % len(MOTIONS)], model=model, filter_hz=20.0, seed=seed)
-    vehicle = SimulatedVehicle(flown, streams=STREAMS, tell_parameters=True, seed=seed)
+    vehicle = SimulatedVehicle(flown, streams=STREAMS, send_parameters=True, seed=seed)
     for end in np.arange(PIECE_S, seconds, PIECE_S):
         yield EPOCH + end, b"".join(packet for _, packet in vehicle.advance(end))
 

@@ -33,7 +33,7 @@ def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     already, there is nothing to compare.
     """
     attitude = flight.attitude
-    if attitude is None or not attitude.rates_told or not attitude.rates.any():
+    if attitude is None or not attitude.rates_reported or not attitude.rates.any():
         return None
     if track.instance != 0 or track.bias_removed:
         return None

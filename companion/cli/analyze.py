@@ -1,6 +1,6 @@
-"""`companion analyze LOG`: the verdict on one screen; with --full the drift, what it should be, the calibration.
+"""`companion analyze LOG`: the verdict on one screen; with --full drift, expected drift and calibration.
 
-The screen says the verdict, why, how far the IMU drifts, what could have been seen, and what to do.
+The screen has the verdict, its evidence, the drift of the IMU, the detectable faults, and what to do.
 """
 
 from __future__ import annotations
@@ -37,30 +37,22 @@ from companion.present import (
 )
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "analyze",
-        "The verdict: do IMU and autopilot agree, or which is wrong?",
-        "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
-        "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
-        takes_several=True,
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_several=True)
     parsers.add_judgement(parser)
     parsers.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
     parser.add_argument(
         "--confusion",
         action="store_true",
-        help="from which size on each fault is told from the others in this flight (takes some 10 s more)",
+        help="the smallest size at which each fault is distinguished from the others (takes some 10 s more)",
     )
     parsers.add_json(parser)
     parser.add_argument(
         "--fail-on",
         choices=("suspect", "insufficient"),
-        help="exit with 1 when the IMU or the autopilot is suspect (insufficient: also when the log cannot tell)",
+        help="exit with 1 when the IMU or the autopilot is suspect (insufficient: also without a verdict)",
     )
 
 
@@ -182,7 +174,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
 
 
 def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
-    """What is printed under the evidence: label, words. warning: of a rate too low; "" for none."""
+    """The lines under the evidence: label, text. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
     flights = assessment.verdict.flights

@@ -11,16 +11,9 @@ from companion.cli import options, parsers, sensor_lines, tables
 from companion.model import DataError
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "calibrate",
-        "The IMU errors that best explain a flight, each with its σ",
-        "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
-        "companion calibrate flight.tlog -o imu.toml",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
@@ -41,7 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if not arguments.force and (assessment.verdict.status == "insufficient_data" or assessment.made_worse):
         raise DataError(
-            "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
+            "not written: this flight does not determine the IMU's constant errors (see above). "
+            "Write it all the same: --force"
         )
     text = correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})")
     with destination.replacing(path) as part:

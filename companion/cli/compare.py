@@ -32,16 +32,9 @@ _OF_B = {
 _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "compare",
-        "Two flights side by side: which drifts more?",
-        "Two flights, or one before and after a change, side by side: which drifts more, and is that significant?",
-        "companion compare flight.tlog --correction-b imu.toml",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
     parsers.add_judgement(parser)
     changed = parser.add_argument_group("what is different for B (all other options are for both)")

@@ -1,4 +1,4 @@
-"""`companion analyze LOG --confusion`: what faults would be called in this flight, and what they do unseen."""
+"""`companion analyze LOG --confusion`: the smallest faults, and the confusion matrix of this flight."""
 
 from __future__ import annotations
 
@@ -10,19 +10,16 @@ from rich.table import Table
 from companion.cli.tables import table, wrapped
 from companion.estimation import KINDS, BestEstimate, ConfusionMatrix, Identifiability, kind_of
 from companion.model import words
-from companion.present import percent
-
-_UNITS = {"rad": ("°", np.degrees(1.0)), "rad/s": (" mrad/s", 1e3), "": (" %", 1e2)}
-"""SI → as people read it, and how many of it are one."""
+from companion.present import percent, shown_unit, with_unit
 
 _NO_FAULT = ("perhaps harmless", "cannot tell", "nobody")
 
 
 def confusion_lines(best: BestEstimate | None, width: int) -> Iterator[str | Table]:
-    """Both tables; without a best estimate that there is nothing to tell faults by."""
+    """Both tables; without a best estimate a line that says so."""
     yield ""
     if best is None or best.confusion is None:
-        yield "No confusion matrix: no best estimate could be made, by which faults would be told."
+        yield "No confusion matrix: no best estimate could be made."
         return
     matrix = best.confusion
     level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))
@@ -81,8 +78,8 @@ def _size(name: str, value: float, level: float) -> str:
     unit = kind_of(name).unit
     if name == "compass_field":
         unit, value = "rad", float(np.arctan(value / max(level, 1e-9)))
-    shown, factor = _UNITS.get(unit, (f" {unit}", 1.0))
-    return f"{_digits(value * factor)}{shown}"
+    shown, factor = shown_unit(unit)
+    return with_unit(_digits(value * factor), shown)
 
 
 def _digits(value: float) -> str:

@@ -11,20 +11,13 @@ from companion.app import destination
 from companion.app.examination import examine
 from companion.cli import options, parsers
 from companion.documents import analysis_document
-from companion.export import FORMATS, Contents, reckoning_of, tables
+from companion.export import FORMATS, Contents, assessed_replay, tables
 from companion.model import DataError
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "export",
-        "A flight for evo, Foxglove, maps, spreadsheets, notebooks",
-        "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
-        "companion export flight.tlog --format mcap -o flight.mcap",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_judgement(parser)
     folders = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
     parsers.add_reanchor(parser)
@@ -46,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     contents: Contents | None = None
     try:
         examined = examine(flight, settings, **options.chosen(arguments))
-        shown = reckoning_of(flight, examined.assessment, settings.view.reanchor_s or None)
+        shown = assessed_replay(flight, examined.assessment, settings.view.reanchor_s or None)
     except DataError as error:
         if kind.bare is None:
             raise
@@ -68,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _ape_line(shown: Replay) -> str:
-    """What evo_ape will say of the pair."""
+    """The result of evo_ape for the pair."""
     pose_error = ape(shown)
     position = f"{pose_error.position_m.rmse:.6f} m, " if pose_error.position_m else ""
     return f"APE (rmse, not aligned): {position}{pose_error.attitude_deg.rmse:.6f}°"

@@ -48,11 +48,8 @@ _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
-    brief = "Every flight of many logs: tables and one page"
-    parser = parsers.add_command(commands, run, "fleet", brief, summary, "companion fleet logs/ -o results")
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
@@ -130,13 +127,12 @@ def _say_passed_over(search: Search) -> None:
 def _print(fleet: Fleet, seconds: float) -> None:
     console, rows = tables.console(), fleet.rows
     done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{_pace(fleet.examined, seconds)})"
-    console.print(f"{counted(fleet.logs, 'log')}: {done}", highlight=False)
+    console.lines(f"{counted(fleet.logs, 'log')}: {done}")
     counts = ", ".join(
         counted(count, status) if status == "error" else f"{count} {words(status)}"
         for status, count in count_by_status(rows).items()
     )
-    for line in tables.wrapped(f"{counted(len(rows.flights), 'row')}: {counts}", console.width, 2):
-        console.print(line, highlight=False)
+    console.lines(*tables.wrapped(f"{counted(len(rows.flights), 'row')}: {counts}", console.width, 2))
     names = short_names([row["log"] for row in rows.flights])
     ratios = worst_ratios(rows)
     if flights := by_concern(rows)[:_MOST]:
@@ -158,11 +154,10 @@ def _print(fleet: Fleet, seconds: float) -> None:
             shown.add_row(escape(words(kind)), severity, str(times), str(flights_of))
         console.print(shown)
     if failed := errors(rows):
-        console.print("\n[bold]Errors[/]")
-        for row in failed[:_MOST]:
-            console.print(f"  {escape(names[row['log']])}: {escape(_line(row['error']))}", highlight=False)
+        listed = (f"  {escape(names[row['log']])}: {escape(_line(row['error']))}" for row in failed[:_MOST])
+        console.lines("\n[bold]Errors[/]", *listed)
         if len(failed) > _MOST:
-            console.print(f"  and {len(failed) - _MOST} more: flights.parquet has them all", highlight=False)
+            console.lines(f"  and {len(failed) - _MOST} more: flights.parquet has them all")
     if fleet.written:
         folder = fleet.written[0].parent
         names_written = ", ".join(path.name for path in fleet.written)
@@ -170,7 +165,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
 
 
 def _pace(logs: int, seconds: float) -> str:
-    """How fast it went, in what is more than one."""
+    """The rate: logs a second, or seconds a log, whichever is more than one."""
     if not logs:
         return ""
     return f", {logs / seconds:.1f} logs/s" if logs > seconds else f", {seconds / logs:.1f} s a log"

@@ -1,4 +1,4 @@
-"""`companion info LOG`: which vehicles are in a log, and what it has."""
+"""`companion info LOG`: vehicles, sensors and messages of a log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
@@ -17,23 +16,15 @@ from companion.app.recording import Recording, Source
 from companion.cli import many_logs, options, parsers, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted
-from companion.present import severity_word, vehicle_words
+from companion.present import capitalised, severity_word, vehicle_words
 
 _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "info",
-        "What a log has: vehicles, sensors, messages, rates, gaps",
-        "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
-        "companion info flight.tlog",
-        takes_several=True,
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_several=True)
     parsers.add_json(parser)
     parser.add_argument(
         "--verbose",
@@ -60,22 +51,20 @@ def run(arguments: argparse.Namespace) -> int:
         print(encode(info_document(recording)))
         return 0
     console = tables.console()
-    console.print(_summary(recording.source), highlight=False)
+    console.lines(_summary(recording.source))
     if not recording.flights:
-        console.print(escape(f"{recording.no_flight[0].upper()}{recording.no_flight[1:]}."), highlight=False)
+        console.lines(escape(f"{capitalised(recording.no_flight)}."))
     flights = recording.flights if arguments.verbose else _with_the_most(recording.flights)
     for flight in flights:
         _print_flight(console, flight)
         if arguments.verbose:
-            _print_events(console, flight)
+            console.lines(*_events(flight))
     if left := len(recording.flights) - len(flights):
-        more = counted(left, "more flight")
-        console.print(f"\n{more}, with fewer messages: --verbose or --json", highlight=False)
-    if more_senders := recording.unread_senders:
-        more = counted(more_senders, "more sender")
-        console.print(f"\n{more}, with fewer messages than these, not looked at", highlight=False)
+        console.lines(f"\n{counted(left, 'more flight')}, with fewer messages: --verbose or --json")
+    if left := recording.unread_senders:
+        console.lines(f"\n{counted(left, 'more sender')}, with fewer messages than these, not looked at")
     if arguments.verbose or not recording.flights:
-        _print_others(console, recording)
+        console.lines(*_others(recording))
     return 0
 
 
@@ -86,22 +75,21 @@ def _with_the_most(flights: Sequence[Flight]) -> Sequence[Flight]:
     return [flights[i] for i in sorted(most)]
 
 
-def _print_events(console: Console, flight: Flight) -> None:
+def _events(flight: Flight) -> Iterator[str]:
     lines = [(event.t, event.kind, "" if event.text == event.kind else event.text) for event in flight.events]
     lines += [(text.t, severity_word(text.severity), text.text) for text in flight.texts]
     lines += [(reset.t, "reset", f"{reset.kind}: {reset.text}") for reset in flight.resets]
     lines += [(one.t, "parameter", f"{one.name} = {one.value:g}") for one in flight.parameter_changes]
-    for t, kind, words in sorted(lines, key=lambda line: line[0]):
-        console.print(f"  {t:9.2f} s  {kind:<9} {escape(words)}", highlight=False)
+    return (f"  {t:9.2f} s  {kind:<9} {escape(text)}" for t, kind, text in sorted(lines, key=lambda line: line[0]))
 
 
-def _print_others(console: Console, recording: Recording) -> None:
+def _others(recording: Recording) -> Iterator[str]:
     if recording.bystanders:
-        console.print("\n[bold]Other senders, and why they are not vehicles[/]")
+        yield "\n[bold]Other senders, and why they are not vehicles[/]"
     for other in recording.bystanders:
         who = f"{other.sysid}:{other.compid}"
         parts = ", ".join(f"{name} ({count})" for name, count in sorted(recording.source.speakers[who].items()))
-        console.print(f"  {who}: {other.reason}. Sent: {parts}", highlight=False)
+        yield f"  {who}: {other.reason}. Sent: {parts}"
 
 
 def _summary(source: Source) -> str:
@@ -122,17 +110,17 @@ def _summary(source: Source) -> str:
     return text
 
 
-def _print_flight(console: Console, flight: Flight) -> None:
+def _print_flight(console: tables.Console, flight: Flight) -> None:
     vehicle = flight.vehicle
     clock = f"boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s"
     named = f"Vehicle {vehicle}, boot {flight.boot}"
     title = tables.wrapped(f"{named}: {vehicle_words(vehicle)}, {flight.duration:.1f} s ({clock})", console.width, 2)
     title[0] = title[0].replace(named, f"[bold]{named}[/]", 1)
-    console.print("\n" + "\n".join(title), highlight=False)
+    console.lines("\n" + "\n".join(title))
     _print_facts(console, _facts(flight))
     _print_sensors(console, flight)
     table = _table("\nmessage", "\ncount", "\nmean Hz", "longest\ngap s", "\nduplicates")
-    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"  # names of PX4's topics are long
     for name, stats in flight.messages.items():
         rate = "burst" if (stats.rate_hz or 0.0) >= 1e4 else _number(stats.rate_hz, 1)
         gap = _number(stats.longest_gap_s, 2)
@@ -153,14 +141,13 @@ def _facts(flight: Flight) -> Iterator[tuple[str, str]]:
     yield from (("note", note) for note in flight.notes)
 
 
-def _print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
-    for name, words in facts:
-        for line in tables.wrapped(f"  {name}: {words}", console.width, 4):
-            console.print(line, highlight=False)
+def _print_facts(console: tables.Console, facts: Iterable[tuple[str, str]]) -> None:
+    for name, text in facts:
+        console.lines(*tables.wrapped(f"  {name}: {text}", console.width, 4))
 
 
-def _print_sensors(console: Console, flight: Flight) -> None:
-    """A line for each; what there is to say of them beneath the table, where the terminal is too narrow for it."""
+def _print_sensors(console: tables.Console, flight: Flight) -> None:
+    """A line for each; notes on them beneath the table, where the terminal is too narrow for it."""
     items = list(inventory(flight))
     whole, narrow = _sensors(items, with_words=True), _sensors(items, with_words=False)
     if Measurement.get(console, console.options.update(max_width=_WIDE), whole).maximum <= console.width:
@@ -196,7 +183,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _announced(flight: Flight) -> str:
-    """How many jumps and changes of parameters the vehicle announced; "" for none."""
+    """The numbers of jumps and changes of parameters that the vehicle announced; "" for none."""
     kinds = Counter(f"{reset.kind} {'switch' if reset.kind == 'lane' else 'reset'}" for reset in flight.resets)
     parts = [counted(count, kind) for kind, count in sorted(kinds.items())]
     if count := len(flight.parameter_changes):
@@ -205,7 +192,7 @@ def _announced(flight: Flight) -> str:
 
 
 def imu_line(flight: Flight) -> str:
-    """Which IMU, at which rate; or that there is none."""
+    """The IMU and its rate; or that there is none."""
     name = flight.default_imu
     if name is None:
         return "nothing: no IMU message with two samples or more"
@@ -214,6 +201,6 @@ def imu_line(flight: Flight) -> str:
 
 
 def reference_line(flight: Flight) -> str:
-    """Which messages the autopilot's state is taken from."""
+    """The messages that the autopilot's state is taken from."""
     attitude = flight.attitude.source if flight.attitude else "no attitude"
     return f"{attitude}, {flight.position.source if flight.position else 'no position: attitude alone'}"

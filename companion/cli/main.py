@@ -11,20 +11,16 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeAlias
 
 from companion.cli import options, stdin, unexpected_error
+from companion.cli.commands import COMMANDS
 from companion.model import CompanionError, SettingsError, nearest_word
 
-_COMMANDS = (
-    "info", "analyze", "report", "calibrate", "smooth", "noise", "compare", "view", "export", "fleet", "record",
-    "watch", "simulate", "replay", "completion",
-)  # fmt: skip
-"""In the order in which they are listed. Each is a module of this package, loaded when it is needed: all of them
-take as long to load as a short flight to analyse."""
+_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
-"""How writing to stdout fails. What opens a file says which; a network's errors have other numbers, or none."""
+"""Failures to write to stdout. Errors of files have a name; those of a network other numbers, or none."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:  # the reader of our output has gone (| head): nothing is left to say
+    except BrokenPipeError:  # the reader of our output has gone (| head)
         _write_no_more()
         return 141
     except Exception as error:  # noqa: BLE001  (the border of the program)
@@ -48,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
             _write_no_more()
             return 2
-        return unexpected_error.tell(error, sys.argv[1:] if argv is None else argv)
+        return unexpected_error.report(error, sys.argv[1:] if argv is None else argv)
     return code
 
 
@@ -69,9 +65,9 @@ def _run(given: list[str]) -> int:
 
 def _check_command(given: str) -> None:
     """Raises SettingsError for a word that is no command: what was probably meant."""
-    if given.startswith("-") or given in _COMMANDS:
+    if given.startswith("-") or given in COMMANDS:
         return
-    if near := nearest_word(given, _COMMANDS):
+    if near := nearest_word(given, COMMANDS):
         raise SettingsError(f"There is no command {given}. Did you mean companion {near}?")
     log = f"For a log: companion analyze {given}" if given and Path(given).exists() else "All commands: companion help"
     raise SettingsError(f"There is no command {given}. {log}")
@@ -79,20 +75,21 @@ def _check_command(given: str) -> None:
 
 def _no_such(given: str, command: str) -> str:
     """The message for an argument that a command does not have."""
-    actions = _commands(parser(command)).choices[command]._actions
+    actions = commands_of(parser(command)).choices[command]._actions
     options = [option.strip("-") for action in actions for option in action.option_strings]
     near = nearest_word(given.partition("=")[0].strip("-"), options) if given.startswith("--") else ""
     hint = f"Did you mean --{near}?" if near else f"See companion help {command}"
     return f"companion {command} does not take {given}. {hint}"
 
 
-def _commands(top: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
+def commands_of(top: argparse.ArgumentParser) -> _Commands:
+    """The parsers of the commands."""
     return next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
 
 
 def overview() -> str:
     """Every command with one line, for who does not know them yet: it fits a terminal of 24 lines and 80 columns."""
-    lines = [f"  {action.dest:<11}{action.help}" for action in _commands(parser())._choices_actions]
+    lines = [f"  {name:<11}{command.brief}" for name, command in COMMANDS.items()]
     return "\n".join(
         ["Does this IMU agree with this autopilot, and if not, which of them is wrong?", "", *lines, ""]
         + ["Try:   companion analyze demo    (demo: the bundled flight; else a log's path)"]
@@ -123,7 +120,10 @@ class _Version(argparse.Action):
 
 
 def parser(command: str = "") -> argparse.ArgumentParser:
-    """The parser with the options of a command, or of every command where the name is of none."""
+    """The parser with the options of a command, or of every command where the name is of none.
+
+    A command's module is loaded when it is needed: all of them take as long to load as a short flight to analyse.
+    """
     top = _Parser(
         prog="companion",
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
@@ -131,6 +131,11 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    for name in (command,) if command in _COMMANDS else _COMMANDS:
-        import_module(f"companion.cli.{name}").add_parser(commands)
+    for name in (command,) if command in COMMANDS else COMMANDS:
+        module, about = import_module(f"companion.cli.{name}"), COMMANDS[name]
+        added = commands.add_parser(
+            name, help=about.brief, description=about.summary, epilog=f"example: {about.example}"
+        )
+        added.set_defaults(run=module.run)
+        module.add_options(added)
     return top

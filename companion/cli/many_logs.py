@@ -1,11 +1,13 @@
-"""`companion analyze LOG LOG ...` and `companion info LOG LOG ...`: every flight of many logs, a row each."""
+"""`companion analyze LOG LOG ...` and `companion info LOG LOG ...`: a row for every flight of many logs."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator
+from typing import TypeAlias
 
 from rich.markup import escape
+from rich.table import Table
 
 from companion.analysis import Item, inventory, used_imus
 from companion.app.examination import examine, unexaminable
@@ -34,14 +36,11 @@ _HEADINGS = ("log", "vehicle", *_COLUMNS.values(), "IMU used", "announced", "not
 
 
 def print_verdicts(arguments: argparse.Namespace) -> int:
-    """The verdict on each flight of the logs and folders that were named.
-
-    Exit code 2 where a log cannot be read, else as for one.
-    """
+    """The verdict on each flight of the logs and folders that were named. Exit code: 2 where one cannot be read."""
     if given := [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]:
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
     settings = options.settings_of(arguments)
-    statuses, unread = list[str](), 0
+    statuses = list[str]()
 
     def cells(flight: Flight) -> Iterator[str]:
         status, sentence, drift = _judged(flight, settings, arguments)
@@ -51,42 +50,28 @@ def print_verdicts(arguments: argparse.Namespace) -> int:
         yield drift
 
     table = tables.folded_table("log", "flight", "verdict", f"after {_HORIZON_S:g} s")
-    for name, row, error in _rows(arguments, cells):
-        unread += error is not None
-        table.add_row(escape(name), *(("", f"[red]not read[/]: {escape(str(error))}") if error else row))
-    tables.console().print(table)
+    unread = _fill(table, arguments, cells, lambda error: ("", f"[red]not read[/]: {escape(error)}"))
     return 2 if unread else options.exit_code(arguments.fail_on, statuses)
 
 
 def print_overview(arguments: argparse.Namespace) -> int:
-    """A table of all flights in the logs: how long they are, and at which rates the sensors that a verdict needs came.
-
-    Exit code 2 where a log cannot be read.
-    """
+    """All flights in the logs: duration, and rates of the sensors that a verdict needs. Exit code as above."""
 
     def cells(flight: Flight) -> Iterator[str]:
         yield _vehicle(flight) + (f", boot {flight.boot}" if flight.boot > 1 else "")
         yield f"{flight.duration:.0f}"
         yield from _rates(flight, _OVERVIEW)
 
-    unread = list[str]()
     headings = ("\nlog", "\nvehicle", "\ns", *(f"{kind}\nHz" for kind in _OVERVIEW))
     table = tables.folded_table(*headings, numbers=range(2, len(headings)))
-    for name, row, error in _rows(arguments, cells):
-        if error:
-            unread.append(f"{name}: {error}")
-        table.add_row(escape(name), *(["[red]not read[/]"] if error else row))
-    tables.console().print(table)
+    unread = _fill(table, arguments, cells, lambda _: ("[red]not read[/]",))
     for sentence in unread:
         options.say(sentence)
     return 2 if unread else 0
 
 
 def print_sensors(arguments: argparse.Namespace) -> int:
-    """A Markdown table of all flights in the logs: of each kind of sensor and estimate the rates of its sources, Hz.
-
-    Exit code 2 where a log cannot be read.
-    """
+    """A Markdown table of all flights: the rates of each kind of sensor and estimate, Hz. Exit code as above."""
 
     def cells(flight: Flight) -> Iterator[str]:
         yield f"{_vehicle(flight)}, boot {flight.boot}"
@@ -106,10 +91,24 @@ def print_sensors(arguments: argparse.Namespace) -> int:
     return 2 if unread else 0
 
 
-def _rows(
-    arguments: argparse.Namespace, cells: Callable[[Flight], Iterable[str]]
-) -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
-    """Of each flight of the logs that were named or are in a folder: the log's name and cells; or why it has none."""
+_Cells: TypeAlias = Callable[[Flight], Iterable[str]]
+
+
+def _fill(
+    table: Table, arguments: argparse.Namespace, cells: _Cells, refused: Callable[[str], Iterable[str]]
+) -> list[str]:
+    """Print a row for each flight, or the cells of `refused` for a log that cannot be read. Returns those."""
+    unread = []
+    for name, row, error in _rows(arguments, cells):
+        if error:
+            unread.append(f"{name}: {error}")
+        table.add_row(escape(name), *(refused(str(error)) if error else row))
+    tables.console().print(table)
+    return unread
+
+
+def _rows(arguments: argparse.Namespace, cells: _Cells) -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
+    """The log's name and the cells of each flight of the logs that were named or are in a folder; or the error."""
     from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
 
     log = options.settings_of(arguments).log
@@ -132,9 +131,8 @@ def _rows(
 
 
 def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> tuple[str, str, str]:
-    """Status, sentence, and how far the IMU drifts."""
-    lacking = unexaminable(flight, settings)
-    if lacking is not None:
+    """Status, sentence, and drift of the IMU."""
+    if (lacking := unexaminable(flight, settings)) is not None:
         return lacking.verdict.status, clause(lacking.verdict.summary), ""
     try:
         examined = examine(flight, settings, **options.chosen(arguments)).assessment

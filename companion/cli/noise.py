@@ -1,4 +1,4 @@
-"""`companion noise LOG`: how noisy each IMU is, at rest and in flight."""
+"""`companion noise LOG`: the noise of each IMU, at rest and in flight."""
 
 from __future__ import annotations
 
@@ -29,16 +29,9 @@ _FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
 _MOST_PEAKS = 4
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "noise",
-        "IMU noise: Allan deviation at rest, spectra in flight",
-        "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
-        "companion noise flight.tlog -o imu.yaml",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
     parsers.add_imu_model(parser)
@@ -144,8 +137,8 @@ def _at_rest(rest: RestNoise) -> Table:
     shown = tables.table("", "", "N /√Hz", "B", "K /√s", left=2)
     for sensor in SENSORS:
         for name, axis in zip("xyz", getattr(rest, f"{sensor.key}_axes"), strict=True):
-            figures = (getattr(axis, name_of, None) for name_of in ("white", "instability", "walk"))
-            shown.add_row(f"{sensor.key} {name}", sensor.unit, *(interval(one, sensor.factor) for one in figures))
+            parts = (getattr(axis, part, None) for part in ("white", "instability", "walk"))
+            shown.add_row(f"{sensor.key} {name}", sensor.unit, *(interval(one, sensor.factor) for one in parts))
     return shown
 
 

@@ -1,4 +1,4 @@
-"""What the options of a command say: the settings, the log, the flight of it, the exit code."""
+"""From the options of a command to its settings, its log, the flight of it, and the exit code."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def output(arguments: argparse.Namespace) -> Path | None:
 
 
 def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What `add_judgement` has the user choose of an IMU, as `companion.app.examination` takes it."""
+    """The choice of `add_judgement`, as `companion.app.examination` takes it."""
     return {name: getattr(arguments, name) for name in ("imu", "imu_model", "correction")}
 
 
 def most_bytes(arguments: argparse.Namespace) -> int:
-    """What a log on stdin may have."""
+    """The size limit of a log on stdin."""
     return round(settings_of(arguments).log.max_size_gb * 1e9)
 
 
@@ -73,11 +73,8 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     except msgspec.ValidationError as error:
         reason, _, where = str(error).partition(" - at `$.")
         section, _, name = where.rstrip("`").partition(".")
-        option = (
-            next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n)
-            .removesuffix("_s")
-            .replace("_", "-")
-        )
+        option = next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n)
+        option = option.removesuffix("_s").replace("_", "-")
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
     method = settings.integration.method
     if "middle" in given and not METHODS[method].looks_inside:
@@ -110,7 +107,7 @@ def _path(name: str, piped: Path | None) -> Path:
 
 
 def exit_code(fail_on: str | None, statuses: Iterable[str]) -> int:
-    """1 where --fail-on says so of the verdicts: somebody is suspect, or ("insufficient") one is not consistent."""
+    """1 where --fail-on applies to a verdict: somebody is suspect, or ("insufficient") one is not consistent."""
     if fail_on == "suspect":
         return int(any(status.endswith("suspect") for status in statuses))
     return int(fail_on == "insufficient" and any(status != "consistent" for status in statuses))
@@ -176,7 +173,7 @@ def choose(recording: Recording, arguments: argparse.Namespace) -> int:
 
 
 def warn_of_damage(source: Source) -> None:
-    """Say on stderr what of the log could not be read."""
+    """Print on stderr what of the log could not be read."""
     if source.trouble:
         say(f"{source.path}: {source.trouble}")
     tail = _PAGE_BYTES if source.format == "dataflash" else 0  # the logger fills up its last page

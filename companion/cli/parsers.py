@@ -3,42 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from typing import TypeAlias
-
-import numpy as np
+import math
 
 from companion.model import IMU_MESSAGES
 from companion.strapdown import METHODS, MIDDLES
 
-Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-Run = Callable[[argparse.Namespace], int]
 Parser = argparse.ArgumentParser
 
 
-def add_command(commands: Commands, run: Run, name: str, brief: str, summary: str, example: str) -> Parser:
-    """A command. brief: what it does, in one line of a list; summary: the same in a sentence or two."""
-    parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
-    parser.set_defaults(run=run)
-    return parser
-
-
-def add_log_command(
-    commands: Commands,
-    run: Run,
-    name: str,
-    brief: str,
-    summary: str,
-    example: str,
-    *,
-    takes_link: bool = False,
-    takes_several: bool = False,
-) -> Parser:
-    """A command that takes a log, with the options that every such command has.
+def add_log(parser: Parser, *, takes_link: bool = False, takes_several: bool = False) -> None:
+    """A log, with the options that every command has that takes one.
 
     takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
     """
-    parser = add_command(commands, run, name, brief, summary, example)
     log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
     link = "; or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     if takes_several:
@@ -47,7 +24,6 @@ def add_log_command(
         parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
     parser.set_defaults(piped=None)
     add_settings(parser)
-    return parser
 
 
 def add_json(parser: Parser) -> None:
@@ -109,7 +85,7 @@ def add_core(parser: Parser) -> None:
 
 
 def add_integration(parser: Parser) -> None:
-    """Which IMU, integrated how."""
+    """The IMU, and the integration options."""
     parser.add_argument(
         "--imu",
         metavar="NAME",
@@ -121,7 +97,7 @@ def add_integration(parser: Parser) -> None:
 
 
 def add_imu_model(parser: Parser) -> None:
-    """What the IMU is expected to be like."""
+    """The noise model of the IMU."""
     parser.add_argument(
         "--imu-model",
         metavar="NAME",
@@ -129,17 +105,22 @@ def add_imu_model(parser: Parser) -> None:
     )
 
 
+def add_correction(parser: Parser) -> None:
+    """The file of a calibration."""
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+
+
 def add_judgement(parser: Parser) -> None:
-    """How a flight is examined: which IMU of which flight, what it should be like, over which windows."""
+    """The options of an examination: flight, IMU, noise model, windows."""
     add_flight_choice(parser)
     add_integration(parser)
     add_imu_model(parser)
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    add_correction(parser)
     parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
 
 
 def add_anchor(parser: Parser) -> None:
-    """Where dead reckoning starts from."""
+    """The start of dead reckoning."""
     parser.add_argument(
         "--anchor",
         choices=("autopilot", "rest"),
@@ -154,6 +135,6 @@ def _horizons(text: str) -> tuple[float, ...]:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if not values or not all(np.isfinite(v) and v > 0 for v in values):
+    if not values or not all(0 < value < math.inf for value in values):
         raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
     return values

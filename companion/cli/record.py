@@ -10,12 +10,8 @@ from companion.links import Recorder, Session
 from companion.model import SettingsError
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C."
-    example = "companion record udpin:0.0.0.0:14550 -o flight.tlog"
-    brief = "Record a link into a .tlog, at the rates that are needed"
-    parser = parsers.add_command(commands, run, "record", brief, summary, example)
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     live.add_link(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
 

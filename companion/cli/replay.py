@@ -13,19 +13,12 @@ from companion.logs import log_format
 from companion.mavlink import load_dialect
 from companion.model import DataError, InputError, SettingsError
 
-_WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
+_WAITING = ("udpin", "tcpin", "tcp")  # links on which the peer has to send or listen first
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "replay",
-        "Send a recorded log to a link, for testing clients",
-        "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
-        "companion replay flight.tlog udpout:127.0.0.1:14550",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parser.add_argument(
         "link", metavar="LINK", help="udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT"
     )
@@ -72,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
-    """The autopilots in the log. Not their companion computers: what those say to an autopilot are commands."""
+    """The autopilots in the log. Not their companion computers: those send commands to an autopilot."""
     vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
     autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
     if not autopilots:

@@ -12,16 +12,9 @@ from companion.app.examination import examine, unexaminable
 from companion.cli import options, parsers
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "report",
-        "One HTML file with verdict, charts and 3D replay",
-        "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
-        "companion report flight.tlog -o report.html",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_judgement(parser)
     parsers.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
     parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")

@@ -1,4 +1,4 @@
-"""What `analyze` and `calibrate` print about the sensor: its noise, its constant errors, how it aligns by itself."""
+"""The lines of `analyze` and `calibrate` about the sensor: noise, constant errors, alignment at rest."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def noise_lines(assessment: Assessment) -> Iterator[str]:
 
 
 def autopilot_line(assessment: Assessment) -> str:
-    """How far off the autopilot's own estimate is taken to be."""
+    """The assumed error of the autopilot's own estimate."""
     own = assessment.autopilot
     return (
         f"Assumed autopilot error (1σ): tilt {_degrees(own.tilt)}, heading {_degrees(own.heading)}, "
@@ -75,7 +75,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
 
 
 def _values(fit: Calibration, part: str) -> str:
-    """The figures of a part with their standard errors."""
+    """The parameters of a part with their standard errors."""
     place = PARTS[part]
     return ", ".join(
         CALIBRATED[part].shown(value, sigma) if seen else "not observable"
@@ -94,7 +94,7 @@ def _other_estimates(assessment: Assessment) -> Iterator[str]:
 
 
 def alignment_lines(alignment: Alignment) -> Iterator[str | Table]:
-    """How the IMU aligned itself at rest, and how far its attitude is from the autopilot's later."""
+    """The alignment of the IMU at rest, and the distance of its attitude from the autopilot's later."""
     rest = alignment.rest
     yield f"\n[bold]The IMU alone, from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
     heading = {"nothing": "unknown: taken as north"}.get(alignment.heading_from, f"from the {alignment.heading_from}")

@@ -28,12 +28,8 @@ _WRITTEN = {
 _DEFAULT_PART = "icm-42688-p"
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log."
-    example = "companion simulate udpout:127.0.0.1:14550 --duration 120"
-    brief = "A simulated vehicle, on a link or into a .tlog"
-    parser = parsers.add_command(commands, run, "simulate", brief, summary, example)
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")
@@ -67,7 +63,7 @@ def add_parser(commands: parsers.Commands) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly."""
     if (arguments.link is None) == (arguments.output is None):
-        raise SettingsError("say either a LINK to fly on or a file with --output.")
+        raise SettingsError("name either a LINK to fly on or a file with --output.")
     if not 1 <= arguments.sysid <= 255:
         raise SettingsError(f"--sysid lies between 1 and 255, got {arguments.sysid}.")
     faults = faults_of(arguments.fault)
@@ -88,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         sysid=arguments.sysid,
         streams=_WRITTEN if arguments.output else {},
         parameters={**PARAMETERS, **filters, "INS_GYR_ID": float(ardupilot_id(part))},
-        tell_parameters=arguments.output is not None,
+        send_parameters=arguments.output is not None,
         faults=faults,
         seed=arguments.seed,
     )

@@ -1,4 +1,4 @@
-"""`companion smooth LOG`: where the vehicle really was, by its sensors alone, and how far off the autopilot was."""
+"""`companion smooth LOG`: the best estimate of the trajectory by the sensors alone, and the autopilot's error."""
 
 from __future__ import annotations
 
@@ -17,38 +17,20 @@ from companion.cli import options, parsers, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.export import write_estimate_tum
-from companion.model import Array, BiasTrack, Flight, InputError
-from companion.present import SENSORS, fixed, words
+from companion.model import BiasTrack, Flight, InputError
+from companion.present import SENSORS, fixed, shown_unit, words
 
-_DEGREES = float(np.degrees(1.0))
-_SHOWN: Mapping[str, tuple[str, float]] = {
-    "rad": ("°", _DEGREES), "rad/s": ("mrad/s", 1e3), "m/s²": ("m/s²", 1.0), "": ("%", 100.0),
+_CONSTANTS: Mapping[str, tuple[str, str, float]] = {
+    "earth_field": ("compass", "µT, NED", 1.0), "hard_iron": ("compass", "µT, FRD", 1.0),
+    "gps_latency": ("gps", "ms", 1e3), "lever_arm": ("gps", "m, FRD", 1.0),
+    "barometer_offset": ("barometer", "m", 1.0), "compass_latency": ("compass", "ms", 1e3),
 }  # fmt: skip
-"""Unit of a number → the unit that it is shown in, and the factor to it; others are shown as they are."""
-
-_CONSTANT_UNITS: Mapping[str, tuple[str, float]] = {
-    "earth_field": ("µT, NED", 1.0), "hard_iron": ("µT, FRD", 1.0), "gps_latency": ("ms", 1e3),
-    "lever_arm": ("m, FRD", 1.0), "barometer_offset": ("m", 1.0), "compass_latency": ("ms", 1e3),
-}  # fmt: skip
-"""The constants that are shown; the matrices are in --json."""
-
-_NEEDS = {
-    "gps_latency": "gps", "lever_arm": "gps", "earth_field": "compass", "hard_iron": "compass",
-    "compass_latency": "compass", "barometer_offset": "barometer",
-}  # fmt: skip
-"""Constant of the flight → the aiding sensor without which nothing is known of it."""
+"""Constant of the flight (the matrices are in --json) → the aiding sensor that determines it, its unit, the factor."""
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "smooth",
-        "Best estimate of the trajectory from all sensors, without the EKF",
-        "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
-        "companion smooth flight.tlog -o best.tum",
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
     parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
     parsers.add_json(parser)
@@ -77,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _believed(flight: Flight, best: BestEstimate) -> BiasTrack | None:
-    """What the autopilot's estimator believes of the same IMU."""
+    """The biases of the same IMU by the autopilot's estimator."""
     return next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
 
 
@@ -110,24 +92,17 @@ def _print(
 def _measurements(best: BestEstimate) -> Table:
     shown = tables.table("", "used", "residual, rms", "in σ", "σ, times stated", "doubted", left=1)
     for name, left in best.residuals.items():
-        factor = 1e3 if left.unit == "rad/s" else 1.0
-        unit = "mrad/s" if left.unit == "rad/s" else left.unit
-        shown.add_row(
-            words(name),
-            f"{len(left.t)}",
-            f"{fixed(left.rms * factor)} {unit}",
-            f"{left.normalised_rms:.2f}",
-            f"{best.measurement_scale[name]:.2f}",
-            f"{left.doubted:.0%}",
-        )
+        factor, unit = (1e3, "mrad/s") if left.unit == "rad/s" else (1.0, left.unit)
+        scales = (f"{left.normalised_rms:.2f}", f"{best.measurement_scale[name]:.2f}", f"{left.doubted:.0%}")
+        shown.add_row(words(name), f"{len(left.t)}", f"{fixed(left.rms * factor)} {unit}", *scales)
     return shown
 
 
 def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
-    """A line for each explanation: what, how large, when, how likely and what else it could have been."""
+    """A line for each explanation: kind, size, time, probabilities and the next likely kind."""
     for one in explanations:
         kind = kind_of(one.kind)
-        unit, factor = _SHOWN.get(kind.unit, (kind.unit, 1.0))
+        unit, factor = shown_unit(kind.unit)
         unit += "/s" if one.shape in SLOPED else ""
         size = ", ".join(
             f"{value:.3g} ± {sigma:.2g}" for value, sigma in zip(one.size * factor, one.sigma * factor, strict=True)
@@ -162,7 +137,7 @@ def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
 
 
 def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
-    """As `companion noise` measures it, and what the estimate weighs the IMU with, which has learned it."""
+    """The noise as `companion noise` measures it, and the learned noise by which the estimate weighs the IMU."""
     shown = tables.table("", "", "N /√Hz", "data sheet", "times", "weighed as", "lasting", left=2)
     sheet = imu_spec_of(flight, best.imu.source)
     measured = noise_in_flight(flight, flight.imu(best.imu.source), sheet, limits)
@@ -178,27 +153,18 @@ def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
 
 def _constants(best: BestEstimate) -> Table:
     shown = tables.table("", "", "value", "1σ", left=2)
-    for name, (unit, factor) in _CONSTANT_UNITS.items():
-        if not any(sensor.startswith(_NEEDS[name]) for sensor in best.residuals):
-            continue
-        place, _ = CONSTANTS[name]
-        shown.add_row(
-            words(name),
-            unit,
-            _listed(best.states.constants[place] * factor),
-            _listed(best.constants_sigma[place] * factor),
-        )
+    for name, (needed, unit, factor) in _CONSTANTS.items():
+        if any(sensor.startswith(needed) for sensor in best.residuals):
+            place, _ = CONSTANTS[name]
+            numbers = (best.states.constants[place] * factor, best.constants_sigma[place] * factor)
+            shown.add_row(words(name), unit, *(", ".join(f"{value:.2f}" for value in values) for values in numbers))
     return shown
-
-
-def _listed(values: Array) -> str:
-    return ", ".join(f"{value:.2f}" for value in values)
 
 
 def _errors(errors: Sequence[AutopilotError]) -> Table:
     shown = tables.table("", "", "median", "95 %", "worst", "at s", "its 1σ", left=2)
     for one in errors:
-        unit, factor = _SHOWN.get(one.unit, (one.unit, 1.0))
+        unit, factor = shown_unit(one.unit)
         numbers = (fixed(value * factor) for value in (one.median, one.p95, one.worst))
         shown.add_row(one.quantity, unit, *numbers, f"{one.worst_s:.1f}", fixed(one.sigma * factor))
     return shown

@@ -79,7 +79,7 @@ def _keep(path: Path, most_bytes: int) -> None:
             "and name that."
         ) from None
     if not size:
-        raise InputError("stdin is empty (0 bytes): the command before the pipe wrote nothing. Look at what it said.")
+        raise InputError("stdin is empty (0 bytes): the command before the pipe wrote nothing. See its messages.")
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""How the commands print in a terminal of 80 columns."""
+"""Tables and text of the commands, in a terminal of 80 columns."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 import textwrap
 from collections.abc import Collection, Iterator
 
+import rich.console
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -26,7 +26,9 @@ _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|s|Hz|%|ms|m/s|m/s²|mrad/s|mrad|
 SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
-class _Console(Console):
+class Console(rich.console.Console):
+    """A terminal, a pipe or a file."""
+
     def on_broken_pipe(self) -> None:
         """Leave it to `main`: rich would exit with 1, which means "suspect" here."""
         raise BrokenPipeError
@@ -37,9 +39,9 @@ class _Console(Console):
             self.print(part, highlight=False, no_wrap=isinstance(part, Table) or None)
 
 
-def console() -> _Console:
+def console() -> Console:
     """For results: no emoji codes in names like 1:100:, no folding of long lines."""
-    return _Console(soft_wrap=True, emoji=False)
+    return Console(soft_wrap=True, emoji=False)
 
 
 def verdict_lines(verdict: Verdict, *, most: int = MOST_LINES) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 import sys
 import tempfile
@@ -12,8 +13,8 @@ from pathlib import Path
 EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
 
 
-def tell(error: BaseException, arguments: Sequence[str]) -> int:
-    """Write the report and say where it is. Returns the exit code."""
+def report(error: BaseException, arguments: Sequence[str]) -> int:
+    """Write the report and print its path. Returns the exit code."""
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     if isinstance(error, MemoryError):
         what = f"there is not enough memory ({what})"
@@ -22,7 +23,8 @@ def tell(error: BaseException, arguments: Sequence[str]) -> int:
     except Exception:  # noqa: BLE001  (there is nobody behind this border)
         path = None
     where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
-    _say(f"companion: internal error (a bug in companion): {what}. {where}.")
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # stderr is closed
+        print(f"companion: internal error (a bug in companion): {what}. {where}.", file=sys.stderr, flush=True)
     return EXIT_CODE
 
 
@@ -49,10 +51,3 @@ def _write(error: BaseException, arguments: Sequence[str]) -> Path | None:
     except OSError:
         return None
     return Path(file.name)
-
-
-def _say(text: str) -> None:
-    try:
-        print(text, file=sys.stderr, flush=True)
-    except (OSError, ValueError, AttributeError):  # stderr is closed
-        return

@@ -15,18 +15,9 @@ from companion.model import SettingsError
 _OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    parser = parsers.add_log_command(
-        commands,
-        run,
-        "view",
-        "A flight in the browser, in 3D: a log, or a live link",
-        "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it. "
-        "A log is replayed; a link is shown live, and recorded.",
-        "companion view flight.tlog --open, companion view udpin:0.0.0.0:14550",
-        takes_link=True,
-    )
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_link=True)
     parsers.add_flight_choice(parser)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
@@ -41,7 +32,7 @@ def add_parser(commands: parsers.Commands) -> None:
         help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
     )
     parsers.add_reanchor(parser)
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    parsers.add_correction(parser)
     parsers.add_anchor(parser)
     parser.add_argument(
         "--map", action="store_true", help="show a map of the ground from the start: its tiles come from the network"

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         except Exception as error:
             if recorder is None:
                 raise
-            unexpected_error.tell(error, sys.argv[1:])
+            unexpected_error.report(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
         while recorder is not None and not ended() and attachment.alive and not patience.over(link.health.frames):
             for sentence in attachment.said():

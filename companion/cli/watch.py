@@ -27,12 +27,8 @@ _WORDS = {
 """What is announced; other states are nobody's business in flight."""
 
 
-def add_parser(commands: parsers.Commands) -> None:
-    """Register the command."""
-    summary = "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording."
-    example = "companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
-    brief = "Judge a vehicle while it flies: one JSON line a second"
-    parser = parsers.add_command(commands, run, "watch", brief, summary, example)
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
     live.add_link(parser)
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")

@@ -5,14 +5,3 @@ from companion.documents.document import Document, encode
 from companion.documents.estimate import estimate_document
 from companion.documents.info import info_document
 from companion.documents.noise import noise_document
-
-__all__ = [
-    "Document",
-    "analysis_document",
-    "contrast_document",
-    "encode",
-    "estimate_document",
-    "info_document",
-    "noise_document",
-    "unexamined_document",
-]

@@ -205,7 +205,7 @@ def _calibration(assessment: Assessment) -> Document | None:
     if fit is None:
         return None
 
-    def figure(place: slice) -> Document:
+    def parameter(place: slice) -> Document:
         return {
             "value": fit.values[place],
             "sigma": fit.sigma[place],
@@ -219,7 +219,7 @@ def _calibration(assessment: Assessment) -> Document | None:
 
     return {
         **of(fit, "windows", "horizon_s"),
-        **{f"{part}_{unit}".removesuffix("_"): figure(PARTS[part]) for part, unit in _FITTED.items()},
+        **{f"{part}_{unit}".removesuffix("_"): parameter(PARTS[part]) for part, unit in _FITTED.items()},
         "level_force_mps2": dict(zip(("value", "sigma"), fit.level_force, strict=True)),
         "before": first(assessment.uncorrected),
         "after": first(assessment.corrected),

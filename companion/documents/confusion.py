@@ -1,4 +1,4 @@
-"""What faults would be called in a flight, in `companion analyze --json` (docs/json.md)."""
+"""The confusion matrix of faults in `companion analyze --json` (docs/json.md)."""
 
 from __future__ import annotations
 

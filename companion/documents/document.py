@@ -1,4 +1,4 @@
-"""What every document has: its head, and how results become plain JSON values.
+"""The head of every document, and the conversion of results to plain JSON values.
 
 docs/json.md describes each key, and a test holds them: keys are added, never renamed.
 """

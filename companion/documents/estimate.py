@@ -14,9 +14,9 @@ from companion.model import Array, BiasTrack, Flight
 
 
 def estimate_document(
-    source: Source, flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError], believed: BiasTrack | None
+    source: Source, flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError], autopilot: BiasTrack | None
 ) -> Document:
-    """A flight's best estimate. believed: the biases of the autopilot's estimator."""
+    """A flight's best estimate. autopilot: the biases of its estimator."""
     states = best.states
     estimated = {
         **flight_head(flight),
@@ -38,8 +38,8 @@ def estimate_document(
             for name, left in best.residuals.items()
         ],
         "explained": [_explained(one) for one in best.explained],
-        "gyro_bias_radps": _bias(states.gyro_bias, best.gyro_bias_sigma, getattr(believed, "gyro", None)),
-        "accel_bias_mps2": _bias(states.accel_bias, best.accel_bias_sigma, getattr(believed, "accel", None)),
+        "gyro_bias_radps": _bias(states.gyro_bias, best.gyro_bias_sigma, getattr(autopilot, "gyro", None)),
+        "accel_bias_mps2": _bias(states.accel_bias, best.accel_bias_sigma, getattr(autopilot, "accel", None)),
         "noise": {
             "gyro_white": best.noise.gyro_noise,
             "accel_white": best.noise.accel_noise,
@@ -74,12 +74,12 @@ def _explained(one: Explained) -> Document:
     }
 
 
-def _bias(value: Array, sigma: Array, believed: Array | None) -> Document:
-    known = believed is not None and np.isfinite(believed).all(axis=1).any()
+def _bias(value: Array, sigma: Array, autopilot: Array | None) -> Document:
+    known = autopilot is not None and np.isfinite(autopilot).all(axis=1).any()
     return {
         "value": value.mean(axis=0),
         "sigma": np.median(sigma, axis=0),
         "first": value[0],
         "last": value[-1],
-        "autopilot": np.nanmean(believed, axis=0) if believed is not None and known else None,
+        "autopilot": np.nanmean(autopilot, axis=0) if autopilot is not None and known else None,
     }

@@ -13,8 +13,10 @@ from companion.export.kalibr import kalibr_text
 from companion.export.kml import write_kml
 from companion.export.mcap import write_mcap
 from companion.export.table import Column, Contents, Format, Table, harmless, series_name
-from companion.export.tracks import reckoning_of, tables
+from companion.export.tracks import assessed_replay, tables
 from companion.export.tum import write_estimate_tum, write_tum
+
+reckoning_of = assessed_replay  # deprecated: its old name
 
 __all__ = [
     "FORMATS",
@@ -22,6 +24,7 @@ __all__ = [
     "Contents",
     "Format",
     "Table",
+    "assessed_replay",
     "harmless",
     "kalibr_text",
     "reckoning_of",

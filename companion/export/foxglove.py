@@ -1,6 +1,6 @@
 """The JSON messages that Foxglove knows, and their schemas: https://docs.foxglove.dev/docs/visualization/message-schemas.
 
-A schema is matched by its name; the text says which fields a message has. Times are {sec, nsec}, quaternions xyzw.
+A schema is matched by its name; its text has the fields of a message. Times are {sec, nsec}, quaternions xyzw.
 """
 
 from __future__ import annotations

@@ -37,12 +37,14 @@ def _few(path: Array) -> Array:
     return finite[np.unique(np.linspace(0, len(finite) - 1, MOST_POINTS).round().astype(np.intp))]
 
 
-def geodetic(flight: Flight, position: Array) -> Array | None:
-    """Where NED positions (N, 3) m of the flight lie: latitude °, longitude °, height m above mean sea level (N, 3).
+def geodetic(flight: Flight, position: Array, best: BestEstimate | None = None) -> Array | None:
+    """NED positions (N, 3) m of the flight, or of `best`, as latitude °, longitude °, height m above mean sea level.
 
-    None when the flight does not know where on Earth it is. Its origin may be the zero of the positions or a fix on the
-    way (`Origin.t`): then the position at that time is where the fix was.
+    None when its place on Earth is unknown. The flight's origin may be the zero of the positions or a fix on the way
+    (`Origin.t`): then the position at that time is that of the fix.
     """
+    if best is not None:
+        return None if best.origin is None else places(position, best.origin)
     origin, track = flight.origin, flight.position
     if origin is None or track is None:
         return None
@@ -64,20 +66,16 @@ _NAMES = {"autopilot": "Autopilot (EKF)", "imu": "IMU alone", "best": "Best esti
 def write_kml(path: Path, flight: Flight, shown: Replay, best: BestEstimate | None = None) -> list[Path]:
     """A line for each path, heights above mean sea level.
 
-    Raises DataError when the log has no position, or does not tell where on Earth it was.
+    Raises DataError when the log has no position, or its place on Earth is unknown.
     """
     lines = []
     for name, positions in paths(shown, best).items():
-        if name == "best" and best is not None:
-            where = None if best.origin is None else places(positions, best.origin)
-        else:
-            where = geodetic(flight, positions)
+        where = geodetic(flight, positions, best if name == "best" else None)
         if where is not None:
-            lines.append(
-                _line(name, " ".join(f"{lon:.8f},{lat:.8f},{height:.2f}" for lat, lon, height in where.tolist()))
-            )
+            coordinates = (f"{lon:.8f},{lat:.8f},{height:.2f}" for lat, lon, height in where.tolist())
+            lines.append(_line(name, " ".join(coordinates)))
     if not lines:
-        raise DataError("This log does not tell where on Earth the flight was: there is no path for a map.")
+        raise DataError("The log has no geographic position: there is no path for a map.")
     title = escape(f"vehicle {flight.vehicle}, boot {flight.boot}")
     path.write_text(
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'

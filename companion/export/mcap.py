@@ -1,4 +1,4 @@
-"""A flight as an MCAP file that opens in Foxglove: the poses, the places on the map, IMU readings, errors, words.
+"""A flight as an MCAP file for Foxglove: poses, places on the map, IMU readings, errors, texts, findings.
 
 Frames: `enu` (x east, y north, z up) is the root, so that what is shown in it stands the right way up; `ned` hangs in
 it; `autopilot_frd`, `imu_frd` and `best_frd` (x forward, y right, z down) move in `ned`; `autopilot`, `imu` and `best`
@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
-from companion.export.kml import COLOURS, geodetic, paths, places
+from companion.export.kml import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.installation import missing
 from companion.model import Array, Flight, words
@@ -41,7 +41,7 @@ class Topic:
 def write_mcap(
     path: Path, flight: Flight, shown: Replay, assessed: Assessment, series: Iterable[Table] = ()
 ) -> list[Path]:
-    """Every topic in order of time. Stamps are UNIX time where the log tells it, else the boot clock: `about` says.
+    """Every topic in order of time. Stamps are UNIX time where it is known, else the boot clock (see `about`).
 
     Raises InputError when mcap is not installed.
     """
@@ -71,32 +71,26 @@ def write_mcap(
 
 
 def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Topic]:
-    t = shown.t
+    t, best = shown.t, assessed.best
     beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in gaps, which may be of any length
+    bodies = [
+        ("autopilot", t, shown.position_ref, shown.q_ref),
+        ("imu", t, shown.position_imu, shown.q_imu),
+        *([("best", best.t, best.position, best.q_ned_frd)] if best else []),
+    ]
     for parent, child, q in (
         ("enu", "ned", _NED_IN_ENU),
-        ("autopilot_frd", "autopilot", _FLU_IN_FRD),
-        ("imu_frd", "imu", _FLU_IN_FRD),
-        *((("best_frd", "best", _FLU_IN_FRD),) if assessed.best else ()),
+        *((f"{name}_frd", name, _FLU_IN_FRD) for name, *_ in bodies),
     ):
         (still,) = foxglove.transforms(parent, child, _HERE, q)
         yield Topic("/tf", foxglove.TRANSFORM, beats, [still] * len(beats))
-    for name, position, q in (
-        ("autopilot", shown.position_ref, shown.q_ref),
-        ("imu", shown.position_imu, shown.q_imu),
-    ):
-        yield Topic("/tf", foxglove.TRANSFORM, t, foxglove.transforms("ned", f"{name}_frd", position, q))
-        yield Topic(f"/{name}/pose", foxglove.POSE, t, foxglove.poses("ned", position, q))
-        if shown.has_position and (where := geodetic(flight, position)) is not None:
-            yield Topic(f"/{name}/location", foxglove.LOCATION, t, foxglove.locations(name, where))
-    if (best := assessed.best) is not None:
-        position, q = best.position, best.q_ned_frd
-        yield Topic("/tf", foxglove.TRANSFORM, best.t, foxglove.transforms("ned", "best_frd", position, q))
-        yield Topic("/best/pose", foxglove.POSE, best.t, foxglove.poses("ned", position, q))
-        if "gps_position" in best.residuals and best.origin is not None:
-            fixes = foxglove.locations("best", places(position, best.origin))
-            yield Topic("/best/location", foxglove.LOCATION, best.t, fixes)
-    for name, path in paths(shown, assessed.best).items():
+    drawn = paths(shown, best)
+    for name, times, position, q in bodies:
+        yield Topic("/tf", foxglove.TRANSFORM, times, foxglove.transforms("ned", f"{name}_frd", position, q))
+        yield Topic(f"/{name}/pose", foxglove.POSE, times, foxglove.poses("ned", position, q))
+        if name in drawn and (where := geodetic(flight, position, best if name == "best" else None)) is not None:
+            yield Topic(f"/{name}/location", foxglove.LOCATION, times, foxglove.locations(name, where))
+    for name, path in drawn.items():
         yield Topic("/paths", foxglove.SCENE, t[:1], [foxglove.line(name, path, COLOURS[name])])
     velocity, position = shown.velocity_error, shown.position_error
     yield Topic("/error", foxglove.ERROR, t, foxglove.errors(shown.attitude_error, velocity, position))

@@ -1,4 +1,4 @@
-"""The sensors of a flight, and what its estimator and a simulator say of themselves, as tables."""
+"""The sensors of a flight, the reports of its estimator and a simulator's truth as tables."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class Table:
 
 
 def harmless(text: str) -> str:
-    """The text, with an apostrophe before what a spreadsheet would take for a formula: a vehicle may say anything."""
+    """The text, with an apostrophe before a spreadsheet's formula: texts of a vehicle are untrusted."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
 
 

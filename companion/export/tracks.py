@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from companion.model import Array, AttitudeTrack, Flight, PositionTrack, interpo
 from companion.present import CALIBRATED, QUANTITIES, STATISTICS
 
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
-_FIGURE_UNITS = {name: CALIBRATED[part].si for part, place in PARTS.items() for name in NAMES[place]}
-"""Figure of a calibration → its unit."""
+_CALIBRATED_UNITS = [CALIBRATED[part].si for part, place in PARTS.items() for _ in NAMES[place]]
+"""Of the parameters in NAMES."""
 
 
 def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | None = None) -> dict[str, Table]:
@@ -27,7 +26,7 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     `bias_0`, `control`, `actuators`, `imu_in_use` and `truth` where it has them; `texts`, `events`, `phases`, `resets`,
     `parameters`, `parameter_changes`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an
     assessment: `drift`, `windows`, `findings`, `calibration`, `best_estimate`. Every table with a time has it twice:
-    `t_s` on the boot clock, and `unix_s`, which is NaN where the log does not tell the date.
+    `t_s` on the boot clock, and `unix_s`, which is NaN where the date is unknown.
 
     >>> import companion as c
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
@@ -39,28 +38,33 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata
     {b'unit': b'rad/s', b'frame': b'FRD'}
     """
-    parts = [imu_table(flight, track) for track in flight.imus.values()]
+    return {table.name: table for table in _tables(flight, shown, assessed)}
+
+
+def _tables(flight: Flight, shown: Replay | None, assessed: Assessment | None) -> Iterator[Table]:
+    yield from (imu_table(flight, track) for track in flight.imus.values())
     if flight.attitude is not None:
-        parts.append(_attitude(flight, flight.attitude))
+        yield _attitude(flight, flight.attitude)
     if flight.position is not None:
-        parts.append(_position(flight, flight.position))
-    parts += [series_table(flight, key, series) for key, series in flight.series.items()]
-    parts += list(sensor_tables(flight))
-    parts += [*_records(flight), _parameters(flight)]
+        yield _position(flight, flight.position)
+    yield from (series_table(flight, key, series) for key, series in flight.series.items())
+    yield from sensor_tables(flight)
+    yield from _records(flight)
     if shown is not None:
-        parts.append(_reckoning(flight, shown))
-    if assessed is not None:
-        parts += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
-        parts += [_calibration(assessed.calibration)] if assessed.calibration else []
-        parts += [_best(flight, assessed.best)] if assessed.best else []
-    return {table.name: table for table in parts}
+        yield _dead_reckoning(flight, shown)
+    if assessed is None:
+        return
+    yield from (_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed))
+    if assessed.calibration is not None:
+        yield _calibration(assessed.calibration)
+    if assessed.best is not None:
+        yield _best(flight, assessed.best)
 
 
-def reckoning_of(flight: Flight, assessed: Assessment, reanchor_s: float | None) -> Replay:
+def assessed_replay(flight: Flight, assessed: Assessment, reanchor_s: float | None) -> Replay:
     """Both trajectories of the IMU that was assessed, as it was assessed: corrected, if that was requested."""
-    track = assessed.comparison.track
-    judged = replace(flight, imus={**flight.imus, track.source: track})
-    return replay(judged, imu=track.source, how=assessed.comparison.how, reanchor_s=reanchor_s)
+    track, how = assessed.comparison.track, assessed.comparison.how
+    return replay(flight.with_imu(track), imu=track.source, how=how, reanchor_s=reanchor_s)
 
 
 def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
@@ -93,18 +97,13 @@ def _records(flight: Flight) -> Iterator[Table]:
     yield records(flight, "resets", flight.resets, about, {"kind": str, "core": float, "text": str})
     about = {"source": "parameters that got another value in the log"}
     yield records(flight, "parameter_changes", flight.parameter_changes, about, {"name": str, "value": float})
-
-
-def _parameters(flight: Flight) -> Table:
     names = sorted(flight.parameters)
-    columns = (
-        Column("name", np.array(names, np.str_)),
-        Column("value", np.array([flight.parameters[name] for name in names], np.float64)),
-    )
-    return Table("parameters", columns, {"source": "the vehicle's parameters, as far as the log has them"})
+    values = np.array([flight.parameters[name] for name in names], np.float64)
+    about = {"source": "the vehicle's parameters, as far as the log has them"}
+    yield Table("parameters", (Column("name", np.array(names, np.str_)), Column("value", values)), about)
 
 
-def _reckoning(flight: Flight, shown: Replay) -> Table:
+def _dead_reckoning(flight: Flight, shown: Replay) -> Table:
     anchor = shown.anchors[np.searchsorted(shown.anchors, shown.t, side="right") - 1]
     columns = (
         *times(flight, shown.t),
@@ -194,7 +193,7 @@ def _calibration(fit: Calibration) -> Table:
         Column("figure", np.array(NAMES, np.str_)),
         Column("value", fit.values),
         Column("sigma", fit.sigma),
-        Column("unit", np.array([_FIGURE_UNITS[name] for name in NAMES], np.str_)),
+        Column("unit", np.array(_CALIBRATED_UNITS, np.str_)),
         Column("observable", np.array(fit.observable, np.int64)),
     )
     about = {"windows": str(fit.windows), "horizon_s": f"{fit.horizon_s:g}"}

@@ -46,7 +46,7 @@ def write_estimate_tum(path: Path, flight: Flight, best: BestEstimate) -> Path:
 
 
 def _head(file: TextIO, flight: Flight, what: str, has_position: bool) -> None:
-    epoch = f"add {flight.epoch.unix_s:.6f} for UNIX time" if flight.epoch else "the log does not tell the date"
+    epoch = f"add {flight.epoch.unix_s:.6f} for UNIX time" if flight.epoch else "the date is unknown"
     file.write(f"# {what}; vehicle {flight.vehicle}, boot {flight.boot}\n")
     file.write(f"# t: s of the vehicle's boot clock ({epoch})\n")
     file.write("# x y z: north, east, down, m; qx qy qz qw: Hamilton, turns FRD (forward, right, down) into NED\n")

@@ -1,4 +1,4 @@
-"""Many logs at once on dask.distributed: rows of every flight, in Parquet tables and on one page."""
+"""Many logs on dask.distributed: rows of every flight, in Parquet tables and on one page."""
 
 from companion.fleet.digest import (
     by_concern,
@@ -14,26 +14,3 @@ from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.rows import COLUMNS, Row, Rows, arrow_table
 from companion.fleet.run import Fleet, FleetRun, run_fleet
 from companion.fleet.search import FoundLog, Search, find_logs
-
-__all__ = [
-    "COLUMNS",
-    "MEMORY_GB",
-    "TIMEOUT_S",
-    "Fleet",
-    "FleetRun",
-    "FoundLog",
-    "Row",
-    "Rows",
-    "Search",
-    "arrow_table",
-    "by_concern",
-    "count_by_status",
-    "count_findings",
-    "errors",
-    "find_logs",
-    "key_of",
-    "reasons",
-    "run_fleet",
-    "short_names",
-    "worst_ratios",
-]

@@ -1,4 +1,4 @@
-"""A fleet in a few numbers: what the terminal and the page say first."""
+"""A fleet in a few numbers: the summary of terminal and page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def status_of(flight: Row) -> str:
 def count_by_status(rows: Rows) -> dict[str, int]:
     """Flights of each status, and logs without any as errors; in the order of STATUSES, none that is zero."""
     counts = Counter(map(status_of, rows.flights))
-    return {status: counts[status] for status in STATUSES if counts[status]}
+    return {status: counts[status] for status in STATUSES if status in counts}
 
 
 def by_concern(rows: Rows) -> list[Row]:
@@ -40,15 +40,12 @@ def by_concern(rows: Rows) -> list[Row]:
         key = key_of(row)
         ranks[key] = min(ranks.get(key, len(_SEVERITIES)), _SEVERITIES.index(row["severity"]))
     ratios = worst_ratios(rows)
-    examined = [row for row in rows.flights if status_of(row) != "error"]
-    return sorted(
-        examined,
-        key=lambda row: (
-            ranks.get(key_of(row), len(_SEVERITIES)),
-            status_of(row) not in _SUSPECT,
-            -ratios.get(key_of(row), 0.0),
-        ),
-    )
+
+    def rank(row: Row) -> tuple[int, bool, float]:
+        key = key_of(row)
+        return ranks.get(key, len(_SEVERITIES)), status_of(row) not in _SUSPECT, -ratios.get(key, 0.0)
+
+    return sorted((row for row in rows.flights if status_of(row) != "error"), key=rank)
 
 
 def worst_ratios(rows: Rows) -> dict[Key, float]:
@@ -86,7 +83,7 @@ def reasons(rows: Rows, flight: Row) -> list[str]:
 
 
 def short_names(paths: Sequence[str]) -> dict[str, str]:
-    """Each path by as many of its last parts as tell it from the others."""
+    """Each path by as many of its last parts as make it unique."""
     short: dict[str, str] = {}
     waiting, parts = sorted(set(paths)), 1
     while waiting:

@@ -1,4 +1,4 @@
-"""How much memory and time a worker gives to one log: what needs more is that log's row, and no other's loss."""
+"""The limits of memory and time for one log: a log that exceeds them is an error in its row alone."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ TIMEOUT_S = 600.0
 
 
 class TimeUpError(BaseException):
-    """The time of a log is up. No error that what is being done could take for its own."""
+    """The time of a log is up. No Exception, so that no handler in the analysis catches it."""
 
 
 @contextlib.contextmanager
 def limited(memory_gb: float, timeout_s: float) -> Iterator[None]:
-    """Let what is done inside take so much more memory (MemoryError) and so long (InputError), and no more."""
+    """Limits inside: MemoryError beyond so much more memory, InputError after so long."""
     with _memory(memory_gb), _time(timeout_s):
         yield
 

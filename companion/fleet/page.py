@@ -1,4 +1,4 @@
-"""The page of a fleet: who to look at first, how biases move, what is found how often, every flight."""
+"""The page of a fleet: which flights to look at first, biases over time, counts of findings, every flight."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _JUDGED_S = 5.0
 
 
 def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
-    """The page as HTML that needs no network. about: (what, value) of how the rows were made.
+    """The page as HTML that needs no network. about: (what, value) of the run.
 
     Raises InputError when plotly is not installed.
     """
@@ -83,7 +83,7 @@ def _head(rows: Rows) -> str:
 
 
 def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Section]:
-    """How biases move with the date and with temperature."""
+    """Biases over date and temperature."""
     for against, anchor, title in (
         ("date_s", "history", "over time"),
         ("temperature_degc", "warmth", "and temperature"),
@@ -96,7 +96,7 @@ def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Se
                     f" The {MOST_SENSORS} of {sensors} sensors with the most flights." if sensors > MOST_SENSORS else ""
                 )
                 body += charts.add(figure, f"{what} of each sensor, with its standard error.{most}", rows=3)
-        nothing = markup.paragraph("No flight tells a bias together with a date." if against == "date_s" else "")
+        nothing = markup.paragraph("No flight has both an observable bias and a date." if against == "date_s" else "")
         if body or against == "date_s":
             yield Section(anchor, f"Biases {title}", body or nothing)
 
@@ -165,7 +165,7 @@ def sensor_of(row: Row, sensor: str) -> str:
 def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, str]) -> tuple[Figure, int] | None:
     """The biases of every "gyro" or "accel" with 1σ, over "date_s" or "temperature_degc"; and the number of sensors.
 
-    Only what a flight tells: values that were not observable are left out. None without any.
+    Values that were not observable are left out. None without any.
     """
     unit, factor, shown = ("radps", 1e3, "mrad/s") if sensor == "gyro" else ("mps2", 1.0, "m/s²")
     usable = [row for row in rows if row.get(against) is not None]

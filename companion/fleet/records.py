@@ -1,4 +1,4 @@
-"""What is known of a log after it was examined: what travels back from a worker and is kept in the journal.
+"""The record of an examined log, as a worker returns it and the journal keeps it.
 
 With a digest of the program's analysis and of the settings that made it: rows of another version are made anew.
 """
@@ -16,6 +16,7 @@ import msgspec
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
+from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.installation import data_folder
 from companion.model import Vehicle
 
@@ -38,7 +39,7 @@ class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LogRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One log. Without flights, `error` says why."""
+    """One log. Without flights, `error` has the reason."""
 
     sha256: str | None = None  # None when it could not be read
     format: str | None = None
@@ -48,15 +49,15 @@ class LogRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
-    """How every log of a run is examined: travels to the workers with each path."""
+    """The options of a run, sent to the workers with each path."""
 
     version: str  # of program and settings: `version_of`
     settings: bytes  # Settings as MessagePack
     imu: str | None = None
     imu_model: str | None = None
     folder: str | None = None  # of the results, to write reports into; None: no reports
-    memory_gb: float = 4.0  # for one log
-    timeout_s: float = 600.0  # for one log
+    memory_gb: float = MEMORY_GB  # for one log
+    timeout_s: float = TIMEOUT_S  # for one log
 
 
 MAKING = {
@@ -64,7 +65,7 @@ MAKING = {
     "constants.priors", "constants.num", "constants.check", "estimation", "analysis", "app.resources", "app.toml_file",
     "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
-"""The parts of the program that a row comes out of."""
+"""The parts of the program that determine the rows."""
 
 _SHOWING = ("view", "live")  # settings that change no number
 

@@ -104,11 +104,11 @@ def _calibration(flight: FlightRecord, analysis: Document) -> Iterator[Row]:
         "windows": fit["windows"],
     }
     for name, unit, axes in _FITTED:
-        figure = fit[f"{name}_{unit}"]
+        part = fit[f"{name}_{unit}"]
         for i, axis in enumerate(axes):
-            row[f"{name}{axis}_{unit}"] = figure["value"][i]
-            row[f"{name}{axis}_sigma_{unit}"] = figure["sigma"][i]
-            row[f"{name}{axis}_observable"] = figure["observable"][i]
+            row[f"{name}{axis}_{unit}"] = part["value"][i]
+            row[f"{name}{axis}_sigma_{unit}"] = part["sigma"][i]
+            row[f"{name}{axis}_observable"] = part["observable"][i]
     yield row
 
 

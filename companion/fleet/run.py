@@ -1,4 +1,4 @@
-"""A fleet's logs, examined: only what is new or changed, and everything that is known of them as tables and a page.
+"""A run over a fleet's logs: new and changed ones are examined, and all that is known is written.
 
 A run leaves four Parquet tables and the page in its folder. Nothing is written where nothing has changed.
 """
@@ -31,7 +31,7 @@ from companion.model import InputError
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
-    """How a fleet is examined, and by whom."""
+    """The options of a run."""
 
     folder: Path  # of the results
     settings: Settings
@@ -47,7 +47,7 @@ class FleetRun:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """What came of it."""
+    """The result of a run."""
 
     rows: Rows
     logs: int  # that were named
@@ -141,7 +141,7 @@ _STATE = b"state"
 
 
 def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], about: Mapping[str, str]) -> list[Path]:
-    """Write tables and page, each replaced in one step; [] when they are there and say the same already.
+    """Write tables and page, each replaced in one step; [] when they are there and up to date.
 
     about: how the rows were made, stated on the page and in the metadata of each table. Raises InputError when a
     library is missing or the folder cannot be written to.
@@ -168,7 +168,7 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
 
 
 def _page(rows: Rows, about: Mapping[str, str]) -> str:
-    """The page; where it cannot be drawn, one that says so: the tables are not lost for that."""
+    """The page; where it cannot be drawn, one with the reason: the tables are not lost for that."""
     try:
         return fleet_html(rows, [(name.replace("_", " "), value) for name, value in about.items()])
     except Exception as error:  # noqa: BLE001
@@ -177,7 +177,7 @@ def _page(rows: Rows, about: Mapping[str, str]) -> str:
 
 
 def _state_of(path: Path) -> str | None:
-    """What a table says that it was made of; None for a file that is none of ours."""
+    """The state that a table was made of; None for a file that is none of ours."""
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
 

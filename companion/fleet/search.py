@@ -1,4 +1,4 @@
-"""Which logs are meant: files, folders searched for logs by their content, and patterns."""
+"""From paths to logs: files, folders searched for logs by their content, and patterns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg", ".px4log")
-# Firmware and archives have these names too: their content tells.
+# Firmware and archives have these names too: logs are detected from their content.
 _PERHAPS = (".bin", ".log", ".gz", ".xz", ".bz2", ".zst", ".zip")
 
 
@@ -92,7 +92,7 @@ class _Walk:
         try:
             status = os.stat(path)  # noqa: PTH116
         except OSError:
-            log = FoundLog(path, 0, "unknown")  # a dangling link, no permission: the worker says what is wrong with it
+            log = FoundLog(path, 0, "unknown")  # a dangling link, no permission: the worker reports the error
         else:
             if not stat.S_ISREG(status.st_mode):
                 self.no_logs.append(path)
@@ -107,7 +107,7 @@ class _Walk:
             if looks_like_a_log(path, dialect=self._dialect):
                 return True
         except OSError:
-            return True  # it cannot be read: its row shall say so
+            return True  # it cannot be read: the error goes into its row
         except CompanionError:
             if not path.lower().endswith(".zip"):  # of several files, or of something else
                 return True
@@ -131,6 +131,6 @@ def _expanded(path: str) -> Iterator[str]:
     yield from matches
 
 
-def _some(names: Sequence[str], most: int = 5) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return ", ".join(names[:5]) + more

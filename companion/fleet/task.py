@@ -1,4 +1,4 @@
-"""One log examined where it is: the function that a worker runs. Only the path comes, only small rows go back.
+"""The function that a worker runs: one log examined where it is. Only the path comes, only small rows go back.
 
 And a report of each flight, into the folder of the results, where requested.
 """
@@ -130,7 +130,7 @@ def _digest(path: str) -> str | None:
 
 
 def _in_words(error: BaseException) -> str:
-    """An error in words that can be kept in a table."""
+    """An error as text for a table."""
     if isinstance(error, CompanionError):
         return printable(str(error))
     if isinstance(error, OSError):
@@ -204,19 +204,17 @@ def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
 
     The id holds bus, address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
     """
-    ids: dict[str, int] = {}
-    for name, track in flight.imus.items():
-        identity = next(
-            (flight.parameters[p] for p in id_parameters(sensor, track.instance) if p in flight.parameters), 0.0
-        )
-        if identity:
-            ids[name] = int(identity)
-    return ids
+    known = flight.parameters
+    ids = {
+        name: next((int(known[p]) for p in id_parameters(sensor, track.instance) if p in known), 0)
+        for name, track in flight.imus.items()
+    }
+    return {name: number for name, number in ids.items() if number}
 
 
 def board_of(flights: Iterable[Flight]) -> str | None:
-    """The serial number of a vehicle's flight controller: what its banner says in any of its flights (it comes once
-    for a ground station), else BRD_SERIAL_NUM; None when neither is known.
+    """The serial number of a vehicle's flight controller: that of its banner in any of its flights (sent once for a
+    ground station), else BRD_SERIAL_NUM; None when neither is known.
     """
     number = 0.0
     for flight in flights:
@@ -229,11 +227,7 @@ def board_of(flights: Iterable[Flight]) -> str | None:
 
 def temperatures(flight: Flight) -> dict[str, float]:
     """IMU message → its median temperature over the flight, °C, where the log has it."""
-    medians: dict[str, float] = {}
-    for name in flight.imus:
-        if (series := flight.series.get(f"temperature:{name}")) is not None and len(series):
-            known = series["temperature_degc"]
-            known = known[np.isfinite(known)]
-            if len(known):
-                medians[name] = float(np.median(known))
-    return medians
+    series = {name: flight.series.get(f"temperature:{name}") for name in flight.imus}
+    read = {name: one["temperature_degc"] for name, one in series.items() if one is not None}
+    finite = {name: values[np.isfinite(values)] for name, values in read.items()}
+    return {name: float(np.median(values)) for name, values in finite.items() if len(values)}

@@ -1,4 +1,4 @@
-"""How companion was installed: the files that came with it, and the command that adds what is missing."""
+"""The installation: the files that came with companion, and the command that adds an extra."""
 
 from companion.installation.data import DEMO, data_folder, log_path
 from companion.installation.extras import missing

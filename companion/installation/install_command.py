@@ -19,7 +19,7 @@ _NAME = "mavlink-companion"
 def install_command(extra: str) -> str:
     """As it is typed in the working folder.
 
-    pipx and uv mark the environments that they make for a program; INSTALLER says who installed into another.
+    pipx and uv mark the environments that they make for a program; INSTALLER names the tool in any other.
     """
     try:
         installed = distribution(_NAME)
@@ -60,8 +60,8 @@ def _libraries(installed: Distribution, extra: str) -> list[str]:
 
 def _extras_of_tool(receipt: Path) -> set[str]:
     """Those that a uv tool has: installing it again with another would take them away."""
-    asked = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]["requirements"]
-    return {extra for one in asked if one["name"] == _NAME for extra in one.get("extras", [])}
+    requirements = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]["requirements"]
+    return {extra for one in requirements if one["name"] == _NAME for extra in one.get("extras", [])}
 
 
 def _pip() -> str:

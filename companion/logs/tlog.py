@@ -71,7 +71,7 @@ class Collected:
         for layout, index in grouped(frames, self._dialect):
             if layout.name not in self._types:
                 wanted = self._names is None or layout.name in self._names
-                self._types[layout.name] = Growing(layout, wanted=wanted)
+                self._types[layout.name] = Growing(layout, with_rows=wanted)
             self._types[layout.name].add(frames, index, times, share)
 
     def messages(self) -> dict[str, Messages]:

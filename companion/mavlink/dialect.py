@@ -32,7 +32,7 @@ _NUMPY = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MessageLayout:
-    """How one message lies on the wire."""
+    """The wire layout of one message."""
 
     id: int  # 24 bits; MAVLink 1 can carry ids below 256
     name: str  # as in the dialect: "RAW_IMU"
@@ -75,7 +75,11 @@ class Dialect:
 
         Raises SettingsError, with the nearest names, if the dialect has no such enum.
         """
-        return _enum_names(self, enum)
+        if not self.has_enum(enum):
+            raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self.enums)}")
+        # The generator ends each enum with a sentinel that is no value of it.
+        entries = self.enums[enum].items()
+        return {value: str(entry.name) for value, entry in entries if not entry.name.endswith("_ENUM_END")}
 
 
 @cache
@@ -92,11 +96,9 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
     layouts = {number: _layout(message, module.x25crc) for number, message in sorted(module.mavlink_map.items())}
     size = max(*layouts, 255) + 2
     crc_extra = np.full(size, -1, np.int16)
-    min_length = np.zeros(size, np.uint8)
-    max_length = np.zeros(size, np.uint8)
+    min_length, max_length = np.zeros((2, size), np.uint8)
     for number, layout in layouts.items():
-        crc_extra[number] = layout.crc_extra
-        min_length[number] = layout.min_length
+        crc_extra[number], min_length[number] = layout.crc_extra, layout.min_length
         max_length[number] = layout.max_length
     low = slice(0, 256)
     length = np.arange(256)
@@ -111,15 +113,6 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
         conforms_1=conforms_1.ravel(),
         enums=module.enums,
     )
-
-
-@cache
-def _enum_names(dialect: Dialect, enum: str) -> Mapping[int, str]:
-    if not dialect.has_enum(enum):
-        raise SettingsError(f"The dialect {dialect.name} has no enum {enum!r}.{_nearest(enum, dialect.enums)}")
-    # The generator ends each enum with a sentinel that is no value of it.
-    entries = dialect.enums[enum].items()
-    return MappingProxyType({value: str(e.name) for value, e in entries if not e.name.endswith("_ENUM_END")})
 
 
 @cache
@@ -156,7 +149,7 @@ def _layout(message: Any, x25crc: Any) -> MessageLayout:
 def _base_fields(message: Any, x25crc: Any) -> int:
     """How many of the fields, in wire order, are not extensions.
 
-    The generated classes do not say. But CRC_EXTRA is the CRC of name, types and names of exactly those fields, so it
+    The generated classes lack it. But CRC_EXTRA is the CRC of name, types and names of exactly those fields, so it
     is the prefix of the fields with that CRC. Base fields also stand before extensions in the order of the XML. Of
     several such prefixes (one in 256 fits by chance) the longest is right for every message of pymavlink 2.4.50.
     """
@@ -194,7 +187,7 @@ _ENUMS = {
 
 _ENUM_OF = {kind: enum for enum, kinds in _ENUMS.items() for kind in kinds}
 
-# Where everybody says it more shortly than the enum.
+# Common short names.
 _SHORT = {
     "FLY_BY_WIRE_A": "FBWA", "FLY_BY_WIRE_B": "FBWB", "INITIALIZING": "INITIALISING",
     "LOITER_ALT_QLAND": "LOITERALTQLAND",
@@ -211,7 +204,7 @@ _PX4_AUTO = {
 }  # fmt: skip
 _AUTO = 4
 
-# PX4 msg/VehicleStatus.msg, nav_state: what its own log says in place of the above.
+# PX4 msg/VehicleStatus.msg, nav_state: its own log has it in place of the above.
 _PX4_NAV_STATE = {
     0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "MISSION", 4: "LOITER", 5: "RTL", 10: "ACRO", 12: "DESCEND",
     13: "TERMINATION", 14: "OFFBOARD", 15: "STABILIZED", 17: "TAKEOFF", 18: "LAND", 19: "FOLLOWME", 20: "PRECLAND",
@@ -220,7 +213,7 @@ _PX4_NAV_STATE = {
 
 
 def mode_name(dialect: Dialect, autopilot: str, kind: str, custom_mode: int) -> str:
-    """What HEARTBEAT.custom_mode says ("LOITER"); "mode 99" where nobody has a name for it.
+    """The name of HEARTBEAT.custom_mode ("LOITER"); "mode 99" where it has none.
 
     autopilot, kind: MAV_AUTOPILOT and MAV_TYPE without their prefix.
     """

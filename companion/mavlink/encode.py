@@ -29,7 +29,7 @@ class Packer:
     def __init__(
         self, sysid: int, compid: int, *, dialect: str = DEFAULT_DIALECT, signing_key: bytes | None = None
     ) -> None:
-        load_dialect(dialect)  # says which dialects there are
+        load_dialect(dialect)  # raises for an unknown one
         self._module: Any = importlib.import_module(f"pymavlink.dialects.v20.{dialect}")
         self._sender: Any = self._module.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         if signing_key is not None:
@@ -177,7 +177,7 @@ def _sent_length(m: Messages) -> Index:
 
 
 def _count_per_sender(sender: Index) -> Bytes:
-    """The how-many-eth packet of its sender each is, modulo 256."""
+    """The sequence number of each packet among those of its sender, modulo 256."""
     count = np.empty(len(sender), np.int64)
     for who in np.unique(sender):
         mine = np.flatnonzero(sender == who)

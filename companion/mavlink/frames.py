@@ -1,6 +1,6 @@
 """Find every MAVLink frame with a right CRC in a stream of bytes, damaged or not.
 
-What is accepted, in terms that do not depend on how the stream is cut into chunks:
+Accepted frames, whatever way the stream is cut into chunks:
 
 1. *conforming* frames: known id, understood flags, a length the layout allows (MAVLink 1), CRC right. Where two
    overlap, the one that begins first;
@@ -231,7 +231,7 @@ class Decoder:
         return frames[: int(np.searchsorted(frames.start, decided))], unknown, decided
 
     def _frames(self, data: Bytes, frames: Headers) -> Frames:
-        """Read what else the headers say."""
+        """Read the other fields of the headers."""
         start, payload = frames.start, frames.payload
         first = payload - start == HEADER_1
         # Sequence, system and component follow one another in both versions.

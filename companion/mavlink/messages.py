@@ -1,4 +1,4 @@
-"""The messages of one type as columns, and how they are gathered from frames."""
+"""The messages of one type as columns, gathered from frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Messages:
     compid: Bytes  # (N,) uint8
     seq: Bytes  # (N,) uint8
     crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
-    rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not asked for
+    rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not requested
     given: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where it has been read already
 
     @property
@@ -74,37 +74,25 @@ class Messages:
         rows = self.rows
         if len(rows) == len(self):
             rows = rows[index] if isinstance(index, slice) else as_bytes(rows)[index].view(self.layout.dtype)
-        return Messages(
-            layout=self.layout,
-            offset=self.offset[index],
-            log_time=self.log_time[index],
-            sysid=self.sysid[index],
-            compid=self.compid[index],
-            seq=self.seq[index],
-            crc=self.crc[index],
-            rows=rows,
-            given=None if self.given is None else self.given[index],
-        )
+        columns = {name: getattr(self, name)[index] for name in _HEADER}
+        return Messages(self.layout, **columns, rows=rows, given=None if self.given is None else self.given[index])
 
     def columns(self, *names: str) -> npt.NDArray[np.float64]:
         """Fields side by side, (N, len(names))."""
-        side_by_side = np.empty((len(self), len(names)))
-        for i, name in enumerate(names):
-            side_by_side[:, i] = self[name]
-        return side_by_side
+        return np.stack([self[name] for name in names], axis=1, dtype=np.float64, casting="unsafe")
 
 
 class Growing:
-    """The messages of one type as they come, in arrays with room for more. wanted: whether their rows are gathered.
+    """The messages of one type as they come, in arrays with room for more. with_rows: whether those are gathered.
 
     What has been given out shares its memory with what is here, and never changes. Memory that is never written is
     never used, so that where it is known how many will come nothing is copied a second time.
     """
 
-    def __init__(self, layout: MessageLayout, *, wanted: bool) -> None:
+    def __init__(self, layout: MessageLayout, *, with_rows: bool) -> None:
         self.layout = layout
         self._columns: dict[str, npt.NDArray[Any]] = {name: np.empty(0, kind) for name, kind in _HEADER.items()}
-        if wanted:
+        if with_rows:
             self._columns["rows"] = np.empty((0, layout.max_length), np.uint8)
         self._count = 0
 
@@ -178,20 +166,14 @@ def together(receipts: Sequence[tuple[Frames, float]]) -> Frames:
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
     """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
-    times = log_time(frames.stamp)
+    known: dict[str, npt.NDArray[Any]] = {name: getattr(frames, name) for name in _HEADER if name != "log_time"}
+    known["log_time"] = log_time(frames.stamp)
     by_name = {}
     for layout, index in grouped(frames, dialect):
-        wanted = names is None or layout.name in names
-        by_name[layout.name] = Messages(
-            layout=layout,
-            offset=frames.offset[index],
-            log_time=times[index],
-            sysid=frames.sysid[index],
-            compid=frames.compid[index],
-            seq=frames.seq[index],
-            crc=frames.crc[index],
-            rows=gather_rows(frames, index, layout) if wanted else np.empty(0, layout.dtype),
-        )
+        columns = {name: column[index] for name, column in known.items()}
+        with_rows = names is None or layout.name in names
+        rows = gather_rows(frames, index, layout) if with_rows else np.empty(0, layout.dtype)
+        by_name[layout.name] = Messages(layout, **columns, rows=rows)
     return by_name
 
 

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: who has the key may speak. https://mavlink.io/en/guide/message_signing.html"""
+"""MAVLink 2 signing. https://mavlink.io/en/guide/message_signing.html"""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from companion.model import InputError
 
 _EPOCH = 1_420_070_400  # s UNIX: signing's clock counts 10 µs from 1 January 2015
 _TICKS_S = 100_000
-_STALE = 60 * _TICKS_S  # a sender that is heard for the first time may be a minute behind
+_STALE = 60 * _TICKS_S  # a new sender may be a minute behind
 
 
 def load_key(path: str | Path) -> bytes:
@@ -47,7 +47,7 @@ def is_signed(frames: Frames) -> npt.NDArray[np.bool_]:
 
 
 class Verifier:
-    """Lets pass what is signed with the key, and newer than what its sender signed before."""
+    """Passes frames that are signed with the key, and newer than those that their sender signed before."""
 
     def __init__(self, key: bytes) -> None:
         self.unsigned = 0  # frames dropped because they carry no signature

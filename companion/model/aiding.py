@@ -1,4 +1,4 @@
-"""The other sensors of a flight and what its estimator says of itself, as frozen dataclasses of arrays.
+"""The aiding sensors of a flight and its estimator's own reports, as frozen dataclasses of arrays.
 
 Conventions of `companion.model.tracks`: `t` in seconds of the boot clock, strictly increasing; SI; FRD and NED. NaN
 where the vehicle does not know.
@@ -17,18 +17,26 @@ from companion.model.errors import DataError
 from companion.model.tracks import Array, Sampled
 
 
-def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...]]]) -> None:
-    """Times finite and strictly increasing, every column of its shape (NaN is allowed)."""
-    times(f"{source}.t", t)
-    for name, (values, shape) in columns.items():
-        floats(f"{source}.{name}", values, (len(t), *shape), finite=False)
+class _Readings(Sampled):
+    """What a sensor or estimator reports: a track whose columns may hold NaN."""
+
+    __slots__ = ()
+
+    source: str
+
+    def _check(self, *scalars: str, **widths: int) -> None:
+        """Raises DataError unless times increase strictly, and columns (N,) and (N, width) have their shapes."""
+        times(f"{self.source}.t", self.t)
+        shapes = dict.fromkeys(scalars, ()) | {name: (width,) for name, width in widths.items()}
+        for name, shape in shapes.items():
+            floats(f"{self.source}.{name}", getattr(self, name), (len(self.t), *shape), finite=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class GpsTrack(Sampled):
+class GpsTrack(_Readings):
     """One receiver. Rows without a position fix have NaN in latitude, longitude and height."""
 
-    t: Array  # (N,) s; the time of validity where the log tells it, else that of the message
+    t: Array  # (N,) s; the time of validity where it is logged, else that of the message
     latitude: Array  # (N,) rad, WGS-84
     longitude: Array  # (N,) rad
     height: Array  # (N,) m above mean sea level; NaN below a 3D fix
@@ -42,15 +50,12 @@ class GpsTrack(Sampled):
     instance: int = 0  # which receiver
 
     def __post_init__(self) -> None:
-        scalars = (
-            "latitude", "longitude", "height", "horizontal_sigma", "vertical_sigma", "speed_sigma", "fix_type",
-            "satellites",
-        )  # fmt: skip
-        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in scalars} | {"velocity": (self.velocity, (3,))})
+        sigmas = ("horizontal_sigma", "vertical_sigma", "speed_sigma")
+        self._check("latitude", "longitude", "height", *sigmas, "fix_type", "satellites", velocity=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CompassTrack(Sampled):
+class CompassTrack(_Readings):
     """One magnetometer, in the body frame of the IMU tracks; the autopilot's own hard-iron offsets applied or not."""
 
     t: Array  # (N,) s
@@ -60,11 +65,11 @@ class CompassTrack(Sampled):
     calibrated: bool = True  # whether the autopilot's offsets have been applied
 
     def __post_init__(self) -> None:
-        _check(self.source, self.t, {"field": (self.field, (3,))})
+        self._check(field=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class BarometerTrack(Sampled):
+class BarometerTrack(_Readings):
     """One barometer."""
 
     t: Array  # (N,) s
@@ -75,15 +80,15 @@ class BarometerTrack(Sampled):
     instance: int = 0
 
     def __post_init__(self) -> None:
-        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in ("pressure", "altitude", "temperature")})
+        self._check("pressure", "altitude", "temperature")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class AirspeedTrack(Sampled):
+class AirspeedTrack(_Readings):
     """One airspeed sensor."""
 
     t: Array  # (N,) s
-    airspeed: Array  # (N,) m/s, indicated, along the body's x axis; NaN where only the pressure is told
+    airspeed: Array  # (N,) m/s, indicated, along the body's x axis; NaN where only the pressure is reported
     true_airspeed: Array  # (N,) m/s, corrected for the density of the air
     pressure: Array  # (N,) Pa, total minus static
     temperature: Array  # (N,) °C
@@ -91,48 +96,46 @@ class AirspeedTrack(Sampled):
     instance: int = 0
 
     def __post_init__(self) -> None:
-        scalars = ("airspeed", "true_airspeed", "pressure", "temperature")
-        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in scalars})
+        self._check("airspeed", "true_airspeed", "pressure", "temperature")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class RangeTrack(Sampled):
+class RangeTrack(_Readings):
     """One range finder."""
 
     t: Array  # (N,) s
     distance: Array  # (N,) m along its own axis; NaN where it calls the reading none or outside its range
     sigma: Array  # (N,) m, the sensor's own 1σ
     quality: Array  # (N,) 0 to 1, the sensor's own
-    orientation: int | None = None  # MAV_SENSOR_ORIENTATION: 0 is forward, 25 down; None where it is not told
+    orientation: int | None = None  # MAV_SENSOR_ORIENTATION: 0 is forward, 25 down; None: unknown
     least: float | None = None  # m, the range of the sensor
     most: float | None = None  # m
     source: str = ""
     instance: int = 0
 
     def __post_init__(self) -> None:
-        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in ("distance", "sigma", "quality")})
+        self._check("distance", "sigma", "quality")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class FlowTrack(Sampled):
+class FlowTrack(_Readings):
     """One optical flow sensor, looking down: a right-handed rotation about an axis makes a positive flow about it."""
 
     t: Array  # (N,) s, the end of the interval
     flow: Array  # (N, 2) about body x and y, FRD, rad/s: rotation and motion together
-    gyro: Array  # (N, 3) FRD, rad/s: how the vehicle turned meanwhile, by the sensor's own or the autopilot's gyro
-    interval: Array  # (N,) s, over which both are means; NaN where it is not told
+    gyro: Array  # (N, 3) FRD, rad/s: the vehicle's own rotation, by the sensor's own or the autopilot's gyro
+    interval: Array  # (N,) s, over which both are means; NaN: unknown
     quality: Array  # (N,) 0 (bad) to 255
     distance: Array  # (N,) m to the ground, where the sensor measures that too
     source: str = ""
     instance: int = 0
 
     def __post_init__(self) -> None:
-        scalars = {n: (getattr(self, n), ()) for n in ("interval", "quality", "distance")}
-        _check(self.source, self.t, scalars | {"flow": (self.flow, (2,)), "gyro": (self.gyro, (3,))})
+        self._check("interval", "quality", "distance", flow=2, gyro=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class BiasTrack(Sampled):
+class BiasTrack(_Readings):
     """What an estimator believes one IMU to read too much: truth = reading - bias, in the IMU's own FRD frame."""
 
     t: Array  # (N,) s
@@ -142,46 +145,41 @@ class BiasTrack(Sampled):
     accel_sigma: Array  # (N, 3) m/s²
     source: str = ""  # XKF1[0], estimator_sensor_bias, SCALED_IMU - HIGHRES_IMU, ...
     core: int = 0  # which of the vehicle's estimators
-    imu_instance: int | None = 0  # which IMU it speaks of; None where that is not known
+    imu_instance: int | None = 0  # which IMU it is of; None: unknown
 
     def __post_init__(self) -> None:
-        names = ("gyro", "accel", "gyro_sigma", "accel_sigma")
-        _check(self.source, self.t, {n: (getattr(self, n), (3,)) for n in names})
+        self._check(gyro=3, accel=3, gyro_sigma=3, accel_sigma=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class TruthTrack(Sampled):
+class TruthTrack(_Readings):
     """What a simulator knows. For tests and benchmarks: no analysis reads it."""
 
     t: Array  # (N,) s
-    q_ned_frd: Array  # (N, 4) wxyz; NaN where it is not told
-    velocity: Array  # (N, 3) NED, m/s; NaN where it is not told
-    position: Array  # (N, 3) NED, m, about the flight's origin; NaN where it is not told
+    q_ned_frd: Array  # (N, 4) wxyz; NaN where it is not reported
+    velocity: Array  # (N, 3) NED, m/s; NaN where it is not reported
+    position: Array  # (N, 3) NED, m, about the flight's origin; NaN where it is not reported
     source: str = ""
-    faults: tuple[float, ...] = ()  # s: when the simulator switched a fault on, where it tells
+    faults: tuple[float, ...] = ()  # s: when the simulator switched a fault on, where it is logged
 
     def __post_init__(self) -> None:
-        _check(
-            self.source,
-            self.t,
-            {"q_ned_frd": (self.q_ned_frd, (4,)), "velocity": (self.velocity, (3,)), "position": (self.position, (3,))},
-        )
+        self._check(q_ned_frd=4, velocity=3, position=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ControlTrack(Sampled):
-    """What the controller wanted, and what it asked of the motors."""
+class ControlTrack(_Readings):
+    """The attitude that the controller demands."""
 
     t: Array  # (N,) s
-    q_ned_frd: Array  # (N, 4) wxyz, the desired attitude; NaN where it is not told
+    q_ned_frd: Array  # (N, 4) wxyz, the desired attitude; NaN where it is not reported
     source: str = ""
 
     def __post_init__(self) -> None:
-        _check(self.source, self.t, {"q_ned_frd": (self.q_ned_frd, (4,))})
+        self._check(q_ned_frd=4)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ActuatorTrack(Sampled):
+class ActuatorTrack(_Readings):
     """Outputs to motors and servos."""
 
     t: Array  # (N,) s
@@ -191,7 +189,7 @@ class ActuatorTrack(Sampled):
     def __post_init__(self) -> None:
         if self.output.ndim != 2:
             raise DataError(f"{self.source}.output must have shape (N, K), got {self.output.shape}")
-        _check(self.source, self.t, {"output": (self.output, self.output.shape[1:])})
+        self._check(output=self.output.shape[1])
 
 
 ResetKind = Literal["attitude", "heading", "velocity", "position", "height", "lane"]
@@ -238,7 +236,7 @@ class SensorInUse:
         return list(zip(self.t.tolist(), self.instance.tolist(), strict=True))
 
     def at(self, t: Array) -> npt.NDArray[np.int64]:
-        """The instance in use at each of the times t (N,) s (the first one before the log tells)."""
+        """The instance in use at each of the times t (N,) s (before the first change: the first one)."""
         return self.instance[np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)]
 
 
@@ -252,4 +250,4 @@ class Phase:
     start: float  # s
     end: float  # s
     kind: PhaseKind
-    reason: str = ""  # what tells it
+    reason: str = ""  # the evidence for it

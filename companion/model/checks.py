@@ -14,7 +14,7 @@ _NUMBERS = "fiu"
 def floats(name: str, values: object, shape: tuple[int, ...], *, finite: bool = True) -> npt.NDArray[np.float64]:
     """The values in double precision, whatever numbers they are: integers overflow, float32 loses a flight's time.
 
-    Raises DataError for what is no NumPy array of that shape with numbers in it; finite ones, where that is asked for.
+    Raises DataError for what is no NumPy array of that shape with numbers in it, and for non-finite ones if `finite`.
     """
     if not isinstance(values, np.ndarray) or values.dtype.kind not in _NUMBERS:
         kind = f"an array of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__

@@ -1,4 +1,4 @@
-"""The errors of companion: each message says what was found and what to do about it.
+"""The errors of companion: each message has the cause and the remedy.
 
 Raised where the fact is known, caught only in `companion.cli`, which prints the message and exits with `exit_code`.
 """
@@ -17,7 +17,7 @@ class InputError(CompanionError):
 
 
 class DataError(CompanionError):
-    """A log that lacks what was asked of it (no IMU, no attitude, unknown vehicle...), or arrays that do not fit."""
+    """A log that lacks what was requested (no IMU, no attitude, unknown vehicle...), or arrays that do not fit."""
 
 
 class NoEstimateError(DataError):

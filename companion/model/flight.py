@@ -1,9 +1,9 @@
-"""A flight, one boot of one vehicle: its tracks, what it says of itself, and which IMU to integrate."""
+"""A flight, one boot of one vehicle: its tracks, its messages, and which IMU to integrate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,7 @@ _COVERED = 0.5  # of the time, by what the samples are means over; between them 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """Who flew: MAVLink ids, and what its heartbeats say (names without the enum's prefix)."""
+    """MAVLink ids, and the names of its heartbeat's enums without their prefix."""
 
     sysid: int
     compid: int
@@ -47,7 +47,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class MessageStats:
-    """How one message type of a flight arrived. Rate and gaps by device time where the message carries it."""
+    """Arrival of one message type of a flight. Rate and gaps by device time where the message carries it."""
 
     count: int
     rate_hz: float | None  # messages per second from the first to the last; None for fewer than two times
@@ -57,7 +57,7 @@ class MessageStats:
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """What the vehicle said in words. The text is untrusted: escape it before it becomes markup."""
+    """A STATUSTEXT. Its text is untrusted: escape it before it becomes markup."""
 
     t: float  # s, boot clock
     severity: int  # MAV_SEVERITY: 0 emergency ... 7 debug
@@ -76,7 +76,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class SettingNames:
-    """What the settings that advice speaks of are called at the autopilot at hand."""
+    """The autopilot's own names of the settings that advice mentions."""
 
     full_rate: str = ""  # in brackets: of the log's rate of the IMU
     imu_stream: str = "SET_MESSAGE_INTERVAL"
@@ -86,15 +86,15 @@ class SettingNames:
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """When the boot clock was zero, in the world's time."""
+    """The zero of the boot clock in UTC."""
 
     unix_s: float  # s since 1970, UTC
-    source: str  # SYSTEM_TIME, GPS, ...: the vehicle's own word; "log stamps": the recording computer's
+    source: str  # SYSTEM_TIME, GPS, ... of the vehicle; "log stamps": the recording computer's clock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """One boot of one vehicle: what its IMUs measured and what its autopilot made of it."""
+    """One boot of one vehicle: its sensors' readings and its autopilot's estimate."""
 
     __repr__ = brief
 
@@ -106,8 +106,8 @@ class Flight:
     attitude: AttitudeTrack | None = None
     position: PositionTrack | None = None
     origin: Origin | None = None
-    epoch: Epoch | None = None  # None where the log does not tell the date
-    home: Origin | None = None  # where it says that it returns to
+    epoch: Epoch | None = None  # None: the date is unknown
+    home: Origin | None = None  # its home position
     series: Mapping[str, Series] = field(default_factory=dict)  # "vibration", "gps", "gps:GPS2_RAW", ...
     events: tuple[Event, ...] = ()  # arming, modes, errors, in order of time
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -116,7 +116,7 @@ class Flight:
     notes: Sequence[str] = ()  # decisions taken on the way from messages to tracks, in words
     on_board: bool = False  # the vehicle's own log, not what came over a link
     settings: SettingNames = SettingNames()
-    declination: float = 0.0  # rad, of the compass, as the vehicle is told or has looked up; 0: not known
+    declination: float = 0.0  # rad, magnetic, as set on the vehicle or looked up by it; 0: not known
     gps: Sequence[GpsTrack] = ()  # each receiver
     compasses: Sequence[CompassTrack] = ()
     barometers: Sequence[BarometerTrack] = ()
@@ -127,7 +127,7 @@ class Flight:
     control: ControlTrack | None = None  # the desired attitude
     actuators: ActuatorTrack | None = None
     truth: TruthTrack | None = None  # of a simulator: never an input of the analysis
-    imu_in_use: SensorInUse | None = None  # None where the log does not tell
+    imu_in_use: SensorInUse | None = None  # None: unknown
     aiding_in_use: Mapping[str, SensorInUse] = field(default_factory=dict)  # "GPS", "compass", "barometer", "airspeed"
     resets: tuple[EstimatorReset, ...] = ()  # announced, in order of time
     parameter_changes: Sequence[ParameterChange] = ()  # in flight, in order of time
@@ -143,14 +143,12 @@ class Flight:
         """
         order = by_preference()
         if "HIGHRES_IMU" in self.imus:
-            floats, integers = self.imus["HIGHRES_IMU"], self.imus.get("RAW_IMU")
-            another = integers is not None and (
-                floats.instance != integers.instance or len(floats) < 0.9 * len(integers)
-            )
+            floats, raw = self.imus["HIGHRES_IMU"], self.imus.get("RAW_IMU")
+            another = raw is not None and (floats.instance != raw.instance or len(floats) < 0.9 * len(raw))
             if floats.bias_removed or another:
                 order = [*order[1:], order[0]]
-        order += [name for name in self.imus if name not in order]  # on-board logs: in the order of the log
-        samples = {name: len(self.imus[name]) for name in order if name in self.imus}
+        order = [*(name for name in order if name in self.imus), *self.imus]  # on-board logs: in the order of the log
+        samples = {name: len(self.imus[name]) for name in order}
         enough = max(2.0, max(samples.values(), default=0) / 4)
         for name, count in samples.items():
             if count >= enough or (count >= 2 and self.imus[name].covered > _COVERED):
@@ -166,6 +164,10 @@ class Flight:
             f"Record the IMU at 50-200 Hz, with `companion record LINK` or {self.settings.imu_stream}, or use the "
             "on-board log"
         )
+
+    def with_imu(self, track: ImuTrack) -> Flight:
+        """With these readings in place of those of the same message."""
+        return replace(self, imus={**self.imus, track.source: track})
 
     def each_imu(self, fewest: int = 2) -> tuple[ImuTrack, ...]:
         """One track of every IMU that has samples enough: of several messages that with the highest rate."""
@@ -199,11 +201,11 @@ class Flight:
         return self.imus[name]
 
     def armed(self, begin: Array, end: Array) -> npt.NDArray[np.bool_] | None:
-        """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where nothing is said of it."""
-        told = [(e.t, e.kind == "armed") for e in self.events if e.kind in {"armed", "disarmed"}]
-        if not told:
+        """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where that is not known."""
+        changes = [(e.t, e.kind == "armed") for e in self.events if e.kind in {"armed", "disarmed"}]
+        if not changes:
             return None
-        t, state = np.array([when for when, _ in told]), np.array([is_armed for _, is_armed in told])
+        t, state = (np.array(column) for column in zip(*changes, strict=True))
         before = np.concatenate([[not state[0]], state])  # the first event is a change
         at_start, at_end = (before[np.searchsorted(t, when, side="right")] for when in (begin, end))
         return np.asarray(at_start | at_end)

@@ -1,4 +1,4 @@
-"""Between the frames in which people and messages speak and those that are computed in: Euler angles, WGS-84.
+"""Conversions from and to the frames of messages and maps: Euler angles, WGS-84.
 
 Ground floor: used where messages come in, where positions go out, and by the gravity of the ellipsoid.
 """

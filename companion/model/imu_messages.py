@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ImuMessage:
-    """What a message of an IMU, and of the magnetometer beside it, says."""
+    """A message of an IMU, and of the magnetometer beside it."""
 
-    instance: int  # which of the vehicle's IMUs; HIGHRES_IMU says it itself where it is another
-    rank: int  # 0 is the message to integrate before all others that are without the estimator's biases
+    instance: int  # which of the vehicle's IMUs; HIGHRES_IMU carries its own where it is another
+    rank: int  # 0: preferred for integration
     clock: str  # "time_boot_ms": when it was sampled, on every autopilot; "time_usec": perhaps when it was sent
     numbered: bool = False  # one of SCALED_IMU, 2 and 3: an IMU by its number
 

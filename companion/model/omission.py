@@ -13,13 +13,13 @@ from companion.model.tracks import Track, rows
 
 
 class Change(Protocol):
-    """What a track becomes, whatever it is of."""
+    """A function of a track of any kind to one of the same kind."""
 
     def __call__(self, track: Track, /) -> Track: ...
 
 
 def with_tracks(flight: Flight, change: Change) -> Flight:
-    """The flight with every track changed of what sensors read and what the estimator told."""
+    """The flight with every track of its sensors and its estimate changed."""
     return replace(
         flight,
         imus={name: change(track) for name, track in flight.imus.items()},
@@ -35,10 +35,7 @@ def with_tracks(flight: Flight, change: Change) -> Flight:
 
 
 def without(flight: Flight, spans: Sequence[tuple[float, float]]) -> Flight:
-    """The flight as if no sensor had read anything within spans (s, boot clock), and the estimator had told nothing.
-
-    What the vehicle said, did and was asked for stays.
-    """
+    """The flight without the samples of sensors and estimate within spans (s, boot clock); messages and events stay."""
     if not spans:
         return flight
 

@@ -5,7 +5,7 @@ Conventions, everywhere (docs/conventions.md):
 - time `t` in seconds of the vehicle's boot clock, time first in every array, float64;
 - body frame FRD (forward, right, down), world frame NED (north, east, down) about the flight's own origin;
 - `q_ned_frd`: Hamilton quaternion `[w, x, y, z]` that rotates FRD vectors into NED;
-- specific force is what an accelerometer says: `(0, 0, -g)` at rest and level; angles in radians.
+- specific force is what an accelerometer reads: `(0, 0, -g)` at rest and level; angles in radians.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def rows(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
     return cast(Track, replace(cast(Any, track), **arrays))
 
 
-def _hold(track: Sampled, **widths: int) -> None:
-    """Hold the contract of a track: arrays whose shapes agree, everything finite, time strictly increasing."""
+def _check(track: Sampled, **widths: int) -> None:
+    """Raises DataError unless shapes agree, everything is finite and time increases strictly."""
     name = type(track).__name__
     object.__setattr__(track, "t", times(f"{name}.t", track.t))
     for column, width in widths.items():
@@ -62,7 +62,7 @@ def _hold(track: Sampled, **widths: int) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)  # without slots: its rate is kept
 class ImuTrack(Sampled):
-    """Samples of one IMU in the body frame that the autopilot's attitude speaks of.
+    """Samples of one IMU in the body frame of the autopilot's attitude.
 
     Raises DataError for shapes that do not match, non-finite samples or times that do not increase.
     """
@@ -75,17 +75,17 @@ class ImuTrack(Sampled):
     accel_step: float = 0.0  # m/s², the same for specific force
     instance: int = 0  # which of the vehicle's IMUs: RAW_IMU is always 0, SCALED_IMU2 is 1, ...
     t_step: float = 0.0  # s, resolution of the message's clock; 0 where it is far finer than an interval
-    device_id: int | None = None  # the vehicle's own id of the sensor; None where it is not told
+    device_id: int | None = None  # the vehicle's own id of the sensor; None: unknown
     interval: Array | None = None  # (N,) s, the sample is the mean over `t ± interval / 2`: of the gyro the rotation
     #                                vector (coning included), of the force in body axes; None: an instant's reading
     bias_removed: bool = False  # whether the estimator's own bias has been taken off
     gyro_low_pass_hz: float | None = None  # cutoff of the 2-pole filter before sampling, 0 for none; None: not known
     accel_low_pass_hz: float | None = None
-    gyro_range: float | None = None  # rad/s, where the gyro saturates; None where it is not told
+    gyro_range: float | None = None  # rad/s, where the gyro saturates; None: unknown
     accel_range: float | None = None  # m/s²
 
     def __post_init__(self) -> None:
-        _hold(self, gyro=3, accel=3)
+        _check(self, gyro=3, accel=3)
         if self.interval is not None:  # NaN for the first one, before which there is nothing
             interval = floats("ImuTrack.interval", self.interval, self.t.shape, finite=False)
             object.__setattr__(self, "interval", interval)
@@ -130,12 +130,15 @@ class AttitudeTrack(Sampled):
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
     rates: Array  # (N, 3) the autopilot's bias-corrected body rates, FRD, rad/s
     source: str = ""
-    rates_told: bool = (
-        True  # by the autopilot; False: reckoned from its IMU's readings, and no second live_verdict on them
-    )
+    rates_reported: bool = True  # by the autopilot; False: computed from its IMU's readings, and no check of them
 
     def __post_init__(self) -> None:
-        _hold(self, q_ned_frd=4, rates=3)
+        _check(self, q_ned_frd=4, rates=3)
+
+    @property
+    def rates_told(self) -> bool:
+        """Deprecated: the old name of `rates_reported`."""
+        return self.rates_reported
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -148,7 +151,7 @@ class PositionTrack(Sampled):
     source: str = ""
 
     def __post_init__(self) -> None:
-        _hold(self, position=3, velocity=3)
+        _check(self, position=3, velocity=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,13 +168,13 @@ class NavState:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory(Sampled):
-    """What the integration says, at the times of the IMU samples."""
+    """The integrated states at the times of the IMU samples."""
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous
     velocity: Array  # (N, 3) NED, m/s
     position: Array  # (N, 3) NED, m
-    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+    notes: tuple[str, ...] = ()  # what was done differently from what was requested, and why
 
     @property
     def end(self) -> NavState:

@@ -1,4 +1,4 @@
-"""How counts and objects are written: in sentences, and in a notebook in at most five lines."""
+"""Counts, identifiers and objects as text: in sentences, and in a notebook in at most five lines."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def brief(self: object) -> str:
     >>> import companion as c
     >>> c.open_log("tlogs/copter-demo-100hz.tlog")[0].attitude
     AttitudeTrack(t=(5061,) 62.54 ... 164, q_ned_frd=(5061, 4), rates=(5061, 3), source='ATTITUDE',
-      rates_told=True)
+      rates_reported=True)
     """
     lines = [f"{type(self).__name__}("]
     names = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
@@ -66,12 +66,12 @@ def _short(value: object) -> str:
         case str():
             return repr(value if len(value) <= _LONGEST else value[: _LONGEST - 1] + "…")
         case Sequence():
-            told = f"({', '.join(map(_short, value))})" if len(value) <= _FEW else ""
-            return told if told and len(told) <= _LONGEST else f"[{len(value)}]"
+            text = f"({', '.join(map(_short, value))})" if len(value) <= _FEW else ""
+            return text if text and len(text) <= _LONGEST else f"[{len(value)}]"
         case _:
-            told = repr(value)
-            whole = len(told) <= _LONGEST and "\n" not in told
-            return told if whole or not is_dataclass(value) else type(value).__name__
+            text = repr(value)
+            whole = len(text) <= _LONGEST and "\n" not in text
+            return text if whole or not is_dataclass(value) else type(value).__name__
 
 
 def _array(values: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> str:

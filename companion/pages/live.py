@@ -1,4 +1,4 @@
-"""What the live page looks at: the link's thread, the drift so far and the verdict's process, as one."""
+"""The source of the live page: the link's thread, the drift so far and the verdict's process, as one."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from companion.app.settings import Settings
 from companion.links import Clock, RequestState
 from companion.view import LONGEST_REANCHOR_S, LinkState, LiveVerdict, ReplayChoice, Seen, StreamState
 
-_MOST_SAID = 100  # sentences that the page keeps
+_MOST_MESSAGES = 100  # that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
 _NOTES = {RequestState.FINDING: "asking", RequestState.ASKING: "asking", RequestState.GIVEN_UP: "given up"}
 
 
 class LiveFeed:
-    """What the live page looks at, from the link's thread and the verdict's process."""
+    """The source of the live page, from the link's thread and the verdict's process."""
 
     def __init__(self, attachment: Attachment, choice: ReplayChoice, vehicle: str | None, settings: Settings) -> None:
         """vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples."""
-        self._said: deque[str] = deque(maxlen=_MOST_SAID)
+        self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
         self._news: deque[str] = deque()
         self._attachment, self._choice = attachment, choice
         self._watch = Watch(
@@ -44,7 +44,7 @@ class LiveFeed:
     @property
     def messages(self) -> Sequence[str]:
         """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
-        return tuple(self._said)
+        return tuple(self._messages)
 
     @property
     def choice(self) -> ReplayChoice:
@@ -119,7 +119,7 @@ class LiveFeed:
 
     def look(self) -> Seen | None:
         for sentence in self._attachment.said():
-            self._said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
+            self._messages.append(f"{time.strftime('%H:%M:%S')} {sentence}")
             self._news.append(sentence)
         receipts = self._attachment.fetch()
         self._watch.hear(receipts)
@@ -140,10 +140,7 @@ class LiveFeed:
 
     def news(self) -> list[str]:
         """The sentences that the terminal has not shown yet."""
-        sentences = []
-        while self._news:
-            sentences.append(self._news.popleft())
-        return sentences
+        return [self._news.popleft() for _ in range(len(self._news))]
 
     def close(self) -> None:
         """End the verdict's process."""

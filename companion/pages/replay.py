@@ -1,4 +1,4 @@
-"""The page of a replayed flight, and what it requests: dead reckoning at once, the analysis after it.
+"""The page of a replayed flight, and the answers to its requests: dead reckoning at once, the analysis after it.
 
 The one way to that page, for the command line and for a notebook. It loads viser, which takes a second.
 """
@@ -38,7 +38,6 @@ from companion.view import (
     Viewer,
     chosen_track,
     display_trajectory,
-    with_track,
 )
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
@@ -49,8 +48,7 @@ class Answers:
     """Called from several worker threads at once.
 
     imu_model, correction: as `examine` takes them; from_rest: dead-reckon from where the IMU can be aligned by itself;
-    command: what a report says that it was made with. Raises InputError and SettingsError for a correction that cannot
-    be read.
+    command: the command line in a report. Raises InputError and SettingsError for a correction that cannot be read.
     """
 
     def __init__(
@@ -74,7 +72,7 @@ class Answers:
         """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
         how = choice.integration(flight)
         track = chosen_track(flight, choice, self._correction(flight, choice, how))
-        seen = with_track(flight, track)
+        seen = flight.with_imu(track)
         others = {name: self._replay(flight, name, choice, how) for name in choice.others}
         return display_trajectory(self._replay(seen, choice.imu, choice, how), track, others)
 
@@ -117,7 +115,7 @@ class Answers:
         last = self._last
         if last is not None and last[0] == _key(flight, choice):
             return last[1]
-        seen = with_track(flight, display.track) if display.track else flight
+        seen = flight.with_imu(display.track) if display.track else flight
         self._last = None  # room for the next: an hour's analysis is large
         examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
         self._remember(flight, choice, examined, display.source)
@@ -130,7 +128,7 @@ class Answers:
                 self._corrections[id(flight), source, choice.integration(flight)] = _correction_of(examined.assessment)
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
-        """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""
+        """The correction of the chosen IMU. Raises DataError when this flight cannot be calibrated."""
         if choice.correction == "no":
             return NO_CORRECTION
         if choice.correction == "file":

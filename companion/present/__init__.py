@@ -1,4 +1,4 @@
-"""How numbers become words, tables and colours: one definition for terminal, page and report."""
+"""Text, tables and colours of results: one definition for terminal, page and report."""
 
 from companion.model import words
 from companion.present import markup, palette
@@ -14,6 +14,7 @@ from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity
 from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, ranked, span
 from companion.present.formats import (
     autopilot_words,
+    capitalised,
     clause,
     fixed,
     length,
@@ -21,8 +22,10 @@ from companion.present.formats import (
     percent,
     severity_word,
     short,
+    shown_unit,
     significant,
     vehicle_words,
+    with_unit,
 )
 from companion.present.markup import Link, details, html_table, paragraph, table, text
 from companion.present.noise import SENSORS, density, interval
@@ -37,54 +40,3 @@ from companion.present.tables import (
     expected_table,
     redundant_imus_table,
 )
-
-__all__ = [
-    "AXES",
-    "CALIBRATED",
-    "MOST_LINES",
-    "QUANTITIES",
-    "SENSORS",
-    "STATISTICS",
-    "CalibratedPart",
-    "Cell",
-    "Column",
-    "FindingGroup",
-    "Link",
-    "Quantity",
-    "Rgb",
-    "Table",
-    "agreement_table",
-    "autopilot_words",
-    "by_best_estimate",
-    "clause",
-    "density",
-    "details",
-    "dominant",
-    "drift_table",
-    "expected_table",
-    "fixed",
-    "flight_words",
-    "grouped",
-    "held_out_gain",
-    "html_table",
-    "interval",
-    "length",
-    "level_force",
-    "markup",
-    "method_words",
-    "not_observable",
-    "of_imus",
-    "palette",
-    "paragraph",
-    "percent",
-    "ranked",
-    "redundant_imus_table",
-    "severity_word",
-    "short",
-    "significant",
-    "span",
-    "table",
-    "text",
-    "vehicle_words",
-    "words",
-]

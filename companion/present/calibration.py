@@ -21,11 +21,11 @@ class CalibratedPart:
     unit: str  # as people read it
     factor: float  # from SI to that
     digits: int  # decimals
-    si: str  # unit of the figures themselves
+    si: str  # unit of the parameters themselves
     axes: tuple[str, ...] = AXES
 
     def shown(self, value: float, sigma: float) -> str:
-        """A figure and its standard error, without the unit."""
+        """A parameter and its standard error, without the unit."""
         return f"{value * self.factor:.{self.digits}f} ± {sigma * self.factor:.{self.digits}f}"
 
 
@@ -42,21 +42,21 @@ CALIBRATED: Mapping[str, CalibratedPart] = {
     "lever_arm": CalibratedPart("lever arm", "m", 1.0, 3, "m"),
     "time_offset": CalibratedPart("lag", "ms", 1e3, 1, "s", ("",)),
 }  # fmt: skip
-"""Part → how it is shown, in the order in which it is."""
+"""Part → its title, unit and decimals, in the order of the tables."""
 
 
 def not_observable(fit: Calibration) -> list[str]:
-    """The titles of the parts that the flight does not tell."""
+    """The titles of the parts that are not observable in the flight."""
     return [part.title for name, part in CALIBRATED.items() if not fit.told(name)]
 
 
 def by_best_estimate(fit: Calibration) -> list[str]:
-    """The titles of the parts that the best estimate tells rather than the windows."""
+    """The titles of the parts that are determined by the best estimate rather than the windows."""
     return [part.title for name, part in CALIBRATED.items() if fit.told_by_best(name)]
 
 
 def level_force(fit: Calibration) -> str:
-    """What accel z is off by at 1 g, where that is known but not how much of it is scale; else ""."""
+    """The error of accel z at 1 g, where it cannot be separated into bias and scale; else ""."""
     known = fit.observable[PARTS["accel_bias"]][2] and not fit.observable[PARTS["accel_scale"]][2]
     value, sigma = fit.level_force
     return f"{value:.3f} ± {sigma:.3f} m/s²: bias and scale together" if known else ""
@@ -64,7 +64,7 @@ def level_force(fit: Calibration) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What the calibration of the first half of a flight changes of the median drift in the second."""
+    """The change of the median drift in the second half of a flight by the calibration of the first."""
 
     windows: int  # of the second half
     by_autopilot: str  # "0.31 → 0.12°, 1.20 → 0.50 m"

@@ -1,10 +1,11 @@
-"""What the drift tables of terminal, page and report have in common: the quantities and the columns of each."""
+"""The quantities of the drift tables of terminal, page and report, and the columns of each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
 from companion.analysis import Statistic
+from companion.present.formats import with_unit
 
 AXES = ("forward", "right", "down")
 """Of the body (FRD), as people read them."""
@@ -26,7 +27,7 @@ class Quantity:
     @property
     def after(self) -> str:
         """The unit as it stands after a number."""
-        return self.unit if self.unit == "°" else f" {self.unit}"
+        return with_unit("", self.unit)
 
     def column(self, statistic: str) -> str:
         """The name of a column of `Drift.to_dict`."""

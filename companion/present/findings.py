@@ -1,27 +1,24 @@
-"""What stands out, grouped and ranked as people read it: the same few lines for terminal, page and report."""
+"""Findings, grouped and ranked: the same few lines for terminal, page and report."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from companion.analysis import Finding, FlightVerdict, by_severity
 from companion.model import words
-from companion.present.formats import clause, significant
+from companion.present.formats import clause, shown_unit, significant, with_unit
 
 MOST_LINES = 7
 """Groups of findings on a screen."""
 
-_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": (" mrad/s", 1e3)}
-"""SI → as people read it, and how many of it are one."""
 _BRACKETS = re.compile(r" \([^()]*\)")
 
 
 @dataclass(frozen=True, slots=True)
 class FindingGroup:
-    """Findings of one kind that speak against the same side, equally seriously; one or more, in order of time."""
+    """Findings of one kind, side and severity; one or more, in order of time."""
 
     findings: tuple[Finding, ...]
 
@@ -32,18 +29,18 @@ class FindingGroup:
 
     @property
     def when(self) -> str:
-        """57.3-81.0 s, or 57.7 s for a moment; "" where the words of a single one have its time."""
+        """57.3-81.0 s, or 57.7 s for a moment; "" for several, and where the evidence has the time."""
         one = self.findings[0]
         timed = one.cause is not None and one.headline != "" and one.cause.onset_sigma_s is not None
         return "" if timed or len(self.findings) > 1 else span(one)
 
     def __str__(self) -> str:
-        """The evidence of a single one; else how many, how large, when first and when worst."""
+        """The evidence of a single one; else count, largest size, first and worst time."""
         first, worst = self.findings[0], self.worst
         if len(self.findings) == 1:
             return first.evidence
-        unit, scale = _UNITS.get(worst.cause.unit, (f" {worst.cause.unit}", 1.0)) if worst.cause else ("", 1.0)
-        size = f" of up to {significant(_size(worst) * scale)}{unit}" if _size(worst) else ""
+        unit, factor = shown_unit(worst.cause.unit if worst.cause else "")
+        size = f" of up to {with_unit(significant(_size(worst) * factor), unit)}" if _size(worst) else ""
         return (
             f"{len(self.findings)} × {words(first.kind)}{size}, first at {first.start_s:.1f} s, "
             f"worst at {worst.start_s:.1f} s"
@@ -65,7 +62,7 @@ def ranked(findings: Sequence[Finding], most: int = MOST_LINES) -> tuple[tuple[F
 
 
 def span(finding: Finding) -> str:
-    """When it was so: 57.3-81.0 s, or 57.7 s for a moment."""
+    """57.3-81.0 s, or 57.7 s for a moment."""
     start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
     return f"{start} s" if start == end else f"{start}-{end} s"
 

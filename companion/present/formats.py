@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 
 from companion.model import Vehicle, words
 from companion.strapdown import METHODS
 
+_SHOWN_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": ("mrad/s", 1e3), "": ("%", 100.0)}
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
@@ -33,13 +35,28 @@ def significant(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
+def capitalised(sentence: str) -> str:
+    """With a capital first letter."""
+    return sentence[:1].upper() + sentence[1:]
+
+
 def percent(share: float | None) -> str:
     """A share as whole per cent."""
     return "–" if share is None else f"{share:.0%}"
 
 
+def shown_unit(unit: str) -> tuple[str, float]:
+    """The unit that a number in SI is shown in, and the factor to it; a share is in per cent."""
+    return _SHOWN_UNITS.get(unit, (unit, 1.0))
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number and its unit: 3°, 3 m/s."""
+    return f"{number}{unit}" if unit == "°" else f"{number} {unit}"
+
+
 def length(metres: float) -> str:
-    """A length as a person says it."""
+    """A length in m or km."""
     if metres < 10:
         return f"{metres:.2f} m"
     if metres < 1000:
@@ -48,7 +65,7 @@ def length(metres: float) -> str:
 
 
 def autopilot_words(autopilot: str) -> str:
-    """What people call an autopilot of MAV_AUTOPILOT."""
+    """The common name of an autopilot of MAV_AUTOPILOT."""
     return {"ARDUPILOTMEGA": "ArduPilot"}.get(autopilot, autopilot)
 
 
@@ -58,7 +75,7 @@ def vehicle_words(vehicle: Vehicle) -> str:
 
 
 def method_words(method: str, middle: str) -> str:
-    """An integrator, and how it interpolates where it does: `rk4, cubic middle sample`."""
+    """An integrator and its interpolation, if it has one: `rk4, cubic middle sample`."""
     return f"{method}, {middle} middle sample" if METHODS[method].looks_inside else method
 
 
@@ -68,11 +85,8 @@ def severity_word(severity: int) -> str:
 
 
 def clause(sentence: str) -> str:
-    """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
-    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "Cannot tell: "):
-        if sentence.startswith(known):
-            return sentence[len(known) :]
-    return sentence
+    """A verdict's sentence without its status: "Suspect the IMU: stuck." is "stuck."."""
+    return re.sub(r"^(Suspect the IMU|Suspect the autopilot's estimate|Cannot tell): ", "", sentence)
 
 
 def _decimals(size: float) -> int:

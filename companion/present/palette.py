@@ -6,13 +6,13 @@ from collections.abc import Iterable
 
 Rgb = tuple[int, int, int]
 
-AUTOPILOT: Rgb = (0, 114, 178)  # blue: what the autopilot says
+AUTOPILOT: Rgb = (0, 114, 178)  # blue: the autopilot's estimate
 IMUS: tuple[Rgb, ...] = ((230, 97, 1), (0, 158, 115), (230, 180, 30), (86, 180, 233), (120, 90, 60))
-"""Vermillion, bluish green, amber, sky, brown: the IMUs of a flight in its own order, whichever is reckoned."""
+"""Vermillion, bluish green, amber, sky, brown: the IMUs of a flight in its own order, whichever is integrated."""
 IMU: Rgb = IMUS[0]  # the IMU where there is but one
 BEST: Rgb = (60, 60, 60)  # near black: the best estimate, which belongs to neither
 BEST_LIGHT: Rgb = (225, 225, 225)  # every other dash of it in the picture, whose background may be dark
-GPS: Rgb = (120, 155, 70)  # moss green: what the GPS receiver says
+GPS: Rgb = (120, 155, 70)  # moss green: the GPS receiver
 FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
 HEADING: Rgb = (0, 158, 115)  # bluish green: a second quantity of the same source
 DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: what lies between both, and findings
@@ -29,7 +29,7 @@ BAD: Rgb = (176, 32, 24)
 """Behind white words: a verdict that is good, undecided, bad."""
 
 SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
-"""Status of a verdict → the sign that says the same without colours."""
+"""Status of a verdict → its sign, for those who see no colours."""
 SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": DOUBTFUL, "info": CONTROLS}
 """Of findings: behind white words too."""
 
@@ -42,7 +42,7 @@ QUIET = 0.7
 """Opacity of words that matter less."""
 TROUBLE: Rgb = (176, 32, 24)
 TROUBLE_ON_DARK: Rgb = (255, 138, 128)
-"""Words on a panel that say what goes wrong."""
+"""Warnings on a panel."""
 MODES: tuple[Rgb, Rgb] = ((120, 135, 190), (190, 165, 120))
 MODES_OPACITY = 0.25
 """Behind the names of flight modes, over `BAND`; neighbours differ."""

@@ -8,24 +8,3 @@ from companion.report.page import bare_html, report_html
 from companion.report.plot import plot_drift, plot_errors, plot_path
 from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
 from companion.report.track_and_altitude import ground_track
-
-__all__ = [
-    "TIME",
-    "Charts",
-    "Figure",
-    "Panel",
-    "Section",
-    "Trace",
-    "bare_html",
-    "curve",
-    "error_panels",
-    "ground_track",
-    "laid_out",
-    "markup",
-    "plot_drift",
-    "plot_errors",
-    "plot_path",
-    "report_html",
-    "sheet",
-    "stack",
-]

@@ -1,4 +1,4 @@
-"""How far the IMU drifts by itself, how far it should, and what that is made of."""
+"""Drift of the IMU alone, the expected drift, and its causes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from companion.present import (
     words,
 )
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import Subject
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
@@ -42,10 +41,10 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
     "misalignment": (palette.HEADING, 0.4),
     "gravity": (palette.HEADING, 0.65),
 }
-"""Cause → colour and how much white is in it: by whom it comes from."""
+"""Cause → the colour of its source, and the share of white in it."""
 
 
-def drift(subject: Subject) -> Section:
+def drift(subject: Subject) -> str:
     """Drift against horizon, measured and expected."""
     drift, expected = subject.assessment.drift, subject.assessment.expected
     rows = drift.rows
@@ -54,7 +53,7 @@ def drift(subject: Subject) -> Section:
     ]
     if not any(row.windows for row in rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
-        return Section("drift", "Drift", "".join(paragraph(line) for line in (reason, *excluded)))
+        return "".join(map(paragraph, (reason, *excluded)))
     figure, count = drift_chart(drift, expected)
     caption = (
         "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
@@ -63,16 +62,11 @@ def drift(subject: Subject) -> Section:
     has_position = subject.comparison.has_position
     if not has_position:
         chart += paragraph("This flight has no position: attitude alone is compared.")
-    return Section(
-        "drift",
-        "Drift of the IMU alone from the autopilot",
-        chart
-        + html_table(drift_table(drift, expected, QUANTITIES if has_position else QUANTITIES[:1]), "drift-table")
-        + "".join(paragraph(e, "quiet") for e in excluded),
-    )
+    results = drift_table(drift, expected, QUANTITIES if has_position else QUANTITIES[:1])
+    return chart + html_table(results, "drift-table") + "".join(paragraph(e, "quiet") for e in excluded)
 
 
-def budget(subject: Subject) -> Section:
+def budget(subject: Subject) -> str:
     """What the expected error is made of."""
     assessment = subject.assessment
     shares = {
@@ -80,9 +74,8 @@ def budget(subject: Subject) -> Section:
         for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True)
         if expected is not None
     }
-    title = "Expected drift, and what causes it"
     if not shares:
-        return Section("budget", title, paragraph("Without windows there is no error to expect."))
+        return paragraph("Without windows there is no error to expect.")
     names = [quantity.name for quantity in QUANTITIES if any(quantity.name in of for of in shares.values())]
     causes = list(dict.fromkeys(cause for of in shares.values() for part in of.values() for cause in part))
     causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
@@ -114,14 +107,10 @@ def budget(subject: Subject) -> Section:
     if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in densities if density is not None):
         lines.append(f"White noise in flight, worst axis: {measured}.")
     lines.append("The budget takes what the samples of a window scatter by where that is more than the data sheet's.")
-    return Section(
-        "budget",
-        title,
-        "".join(paragraph(line) for line in lines)
-        + chart
-        + "<h3>Windows inside their 95 % bound</h3>"
-        + html_table(agreement_table(assessment), "inside-table")
-        + details("Every cause in numbers", _shares(shares, names, causes)),
+    return (
+        "".join(map(paragraph, lines))
+        + f"{chart}<h3>Windows inside their 95 % bound</h3>{html_table(agreement_table(assessment), 'inside-table')}"
+        + details("Every cause in numbers", _shares(shares, names, causes))
     )
 
 

@@ -8,17 +8,15 @@ from companion.analysis import Expectation, Replay
 from companion.model import Array
 from companion.present import palette, paragraph
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import Subject
 from companion.report.track_and_altitude import regained
 
 
-def errors(subject: Subject) -> Section:
+def errors(subject: Subject) -> str:
     """Attitude, velocity and position errors over the flight with their 1σ and 3σ."""
-    title = "Errors over the flight"
     shown = subject.replay
     if shown is None:
-        return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
+        return paragraph(f"Not drawn: {subject.why_no_replay}")
     expected = subject.expected
     panels = error_panels(shown, expected)
     severe = [f for f in subject.assessment.verdict.findings if f.severity != "info" and not subject.is_throughout(f)]
@@ -36,7 +34,7 @@ def errors(subject: Subject) -> Section:
     )
     caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
-    return Section("errors", title, note + subject.charts.add(figure, caption, rows=len(panels)))
+    return note + subject.charts.add(figure, caption, rows=len(panels))
 
 
 def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Panel]:

@@ -8,9 +8,8 @@ import numpy as np
 
 from companion.analysis import Finding, Replay, Verdict, by_severity, errors, replay, windows
 from companion.model import Array, CompanionError
-from companion.present import FindingGroup, details, palette, paragraph, ranked, table, text, words
+from companion.present import FindingGroup, capitalised, details, palette, paragraph, ranked, table, text, words
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 
@@ -19,11 +18,11 @@ _FREE_S = 30.0  # up to which the IMU alone is a yardstick
 _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
 
-def findings(subject: Subject) -> Section:
+def findings(subject: Subject) -> str:
     """The findings in groups, the worst of each with a chart; each by itself below."""
     ordered = by_severity(subject.assessment.verdict.findings)
     if not ordered:
-        return Section("findings", "Findings", paragraph("Nothing stands out in this flight."))
+        return paragraph("Nothing stands out in this flight.")
     groups, _ = ranked(ordered)
     parts = [_drawn(subject, group) for group in groups]
     if len(ordered) > len(groups):
@@ -33,14 +32,13 @@ def findings(subject: Subject) -> Section:
             words=4,
         )
         parts.append(details(f"All {len(ordered)} findings", every))
-    return Section("findings", "Findings", "".join(parts))
+    return "".join(parts)
 
 
-def bare_findings(verdict: Verdict) -> Section:
+def bare_findings(verdict: Verdict) -> str:
     """The same of a flight that cannot be examined: without charts."""
     groups, _ = ranked(by_severity(verdict.findings))
-    said = "".join(_article(group, "") for group in groups)
-    return Section("findings", "Findings", said or paragraph("Nothing stands out in what the log has."))
+    return "".join(_article(group, "") for group in groups) or paragraph("Nothing stands out in what the log has.")
 
 
 def _article(group: FindingGroup, chart: str) -> str:
@@ -48,7 +46,7 @@ def _article(group: FindingGroup, chart: str) -> str:
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
     return (
-        f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
+        f'<article class="finding {text(finding.severity)}"><h3>{text(capitalised(words(finding.kind)))} '
         f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
         f"{paragraph(str(group))}{advice}{chart}</article>"
     )
@@ -76,22 +74,19 @@ def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tupl
     if finding.side == "autopilot":
         caption = "The IMU alone, from the autopilot's state on, and the autopilot."
         return _errors(subject, finding.kind, low, high), caption
-    if any(part in finding.kind for part in _RAW):
-        return _readings(subject, finding.kind, low, high), f"What {subject.imu} read around it."
-    panels = _differences(subject, low, high)
-    if not panels:
-        return _readings(subject, finding.kind, low, high), f"What {subject.imu} read around it."
-    return panels, (
-        "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level, "
-        "a lag or a scale only where the vehicle moves."
-    )
+    if not any(part in finding.kind for part in _RAW) and (panels := _differences(subject, low, high)):
+        return panels, (
+            "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level, "
+            "a lag or a scale only where the vehicle moves."
+        )
+    return _readings(subject, finding.kind, low, high), f"What {subject.imu} read around it."
 
 
 def _readings(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
     """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
-    breaks = traces.gaps(track.t[part], subject.comparison.how.limits.longest_step(track.t))
+    breaks = traces.gaps(track.t[part], subject.longest_step)
     both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
     named = [name for name in both if name in kind] or list(both)
     return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]
@@ -170,18 +165,11 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
 
 def _heading(q: Array) -> Array:
     """Heading (N,) of attitudes (N, 4) without steps at ±180°, °."""
-    w, x, y, z = q.T
-    return np.asarray(np.degrees(np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))))
+    return np.asarray(np.degrees(np.unwrap(quaternion.to_euler(q)[:, 2])))
 
 
 def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:
     return [traces.line(t, values[:, i], name, colour, breaks=breaks) for i, (name, colour) in enumerate(AXES)]
-
-
-def _title(kind: str) -> str:
-    """gyro_bias → Gyro bias, imu_lag → IMU lag."""
-    title = words(kind).replace("imu", "IMU")
-    return title[:1].upper() + title[1:]
 
 
 def _between(t: Array, low: float, high: float) -> slice:

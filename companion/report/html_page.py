@@ -19,31 +19,23 @@ _POLICY = (
 
 def sheet(title: str, head: str, sections: Sequence[Section], charts: Charts, data: Mapping[str, str]) -> str:
     """A whole page. title: text; head: HTML above the contents; data: JSON that the page carries, by its id."""
-    carried = [(name, "application/json", _inert(json)) for name, json in data.items()]
-    carried += [
-        ("figures", "application/json", _inert(charts.json())),
-        ("plotly", "application/gzip", charts.library()),
+    documents = {**data, "figures": charts.json()}
+    carried = [
+        f'<script type="application/json" id="{name}">{_inert(json)}</script>' for name, json in documents.items()
     ]
-    scripts = "\n".join(f'<script type="{kind}" id="{name}">{content}</script>' for name, kind, content in carried)
+    scripts = "\n".join([*carried, f'<script type="application/gzip" id="plotly">{charts.library()}</script>'])
+    contents = "".join(f'<a href="#{section.anchor}">{text(section.title)}</a>' for section in sections)
+    bodies = "".join(f'<section id="{s.anchor}"><h2>{text(s.title)}</h2>{s.body}</section>' for s in sections)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="referrer" content="no-referrer">'
         f'<meta name="color-scheme" content="light dark"><title>{text(title)}</title>'
-        f"<style>{_own('page.css')}</style></head><body>{head}{_contents(sections)}<main>"
-        f'{"".join(map(_section, sections))}</main><noscript><p class="warning">The charts need JavaScript; the tables '
-        f"are complete.</p></noscript>{scripts}<script>{_own('page.js')}</script></body></html>\n"
+        f"<style>{_own('page.css')}</style></head><body>{head}<nav>{contents}</nav><main>{bodies}</main>"
+        '<noscript><p class="warning">The charts need JavaScript; the tables are complete.</p></noscript>'
+        f"{scripts}<script>{_own('page.js')}</script></body></html>\n"
     )
-
-
-def _section(section: Section) -> str:
-    return f'<section id="{section.anchor}"><h2>{text(section.title)}</h2>{section.body}</section>'
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    links = "".join(f'<a href="#{section.anchor}">{text(section.title)}</a>' for section in sections)
-    return f"<nav>{links}</nav>"
 
 
 def _inert(json: str) -> str:

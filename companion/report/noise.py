@@ -1,4 +1,4 @@
-"""How noisy the IMU is: Allan deviation at rest, white noise in flight, beside its data sheet."""
+"""Noise of the IMU: Allan deviation at rest, white noise in flight, beside its data sheet."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ import numpy as np
 
 from companion.analysis import ImuNoise, RestNoise
 from companion.estimation import AllanDeviation
-from companion.present import SENSORS, density, interval, palette, paragraph, short, table
+from companion.present import SENSORS, capitalised, density, interval, palette, paragraph, short, table
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 
-def noise(subject: Subject) -> Section:
+def noise(subject: Subject) -> str:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
-    title = "IMU noise"
     measured = subject.noise
     if isinstance(measured, str):
-        return Section("noise", title, paragraph(f"Not known: {measured}"))
+        return paragraph(f"Not known: {measured}")
     rows = []
     for sensor in SENSORS:
         sheet = short(getattr(measured.figures, sensor.key).noise_density * sensor.factor)
@@ -30,18 +28,14 @@ def noise(subject: Subject) -> Section:
     body = table(["white noise N", "at rest", "in flight", "data sheet", ""], rows, name="noise-table", words=1)
     if measured.rest is not None:
         body += _allan_chart(subject, measured, measured.rest)
-    body += "".join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in measured.notes)
-    return Section("noise", title, body)
+    return body + "".join(paragraph(f"{capitalised(note)}.") for note in measured.notes)
 
 
 def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
     panels = [
-        traces.Panel(unit, _curves(curve, sheet), {"type": "log"})
-        for unit, curve, sheet in (
-            ("gyro, rad/s", rest.gyro, measured.figures.gyro.noise_density),
-            ("accel, m/s²", rest.accel, measured.figures.accel.noise_density),
-        )
-        if (curve.deviation > 0).any()
+        traces.Panel(f"{key}, {unit}", _curves(curve, getattr(measured.figures, key).noise_density), {"type": "log"})
+        for key, unit in (("gyro", "rad/s"), ("accel", "m/s²"))
+        if ((curve := getattr(rest, key)).deviation > 0).any()
     ]
     if not panels:
         return ""

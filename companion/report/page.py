@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import msgspec
 
 from companion.app.examination import Examination, Unexamined
@@ -16,6 +18,19 @@ from companion.report.html_page import Section, sheet
 from companion.report.subject import Subject, subject_of
 from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
+
+_SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
+    ("findings", "Findings", findings),
+    ("errors", "Errors over the flight", errors_over_time.errors),
+    ("drift", "Drift of the IMU alone from the autopilot", drift.drift),
+    ("budget", "Expected drift, and what causes it", drift.budget),
+    ("calibration", "Calibration", sensors.calibration),
+    ("imus", "Every IMU side by side", sensors.redundant_imus),
+    ("noise", "IMU noise", noise.noise),
+    ("spectra", "IMU spectra", vibration.spectra),
+    ("vibration", "Vibration", vibration.shaking),
+)
+"""Anchor, title and body of each section about the examination."""
 
 
 def report_html(
@@ -36,47 +51,40 @@ def report_html(
     subject = subject_of(examined, source, settings or Settings(), charts)
     drawn = flight, subject.replay, subject.colour, charts, assessment.best
     first = head(subject, ground(*drawn))
-    sections = [
-        findings(subject),
-        errors_over_time.errors(subject),
-        drift.drift(subject),
-        drift.budget(subject),
-        sensors.calibration(subject),
-        sensors.redundant_imus(subject),
-        noise.noise(subject),
-        vibration.spectra(subject),
-        vibration.shaking(subject),
-        track(*drawn),
-    ]
+    sections = [Section(anchor, title, body(subject)) for anchor, title, body in _SECTIONS]
+    sections.append(Section("track", "Altitude", track(*drawn)))
     data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:
-        sections.append(_playback(subject))
+        sections.append(Section("playback", "3D playback", _playback(subject)))
         if subject.replay is not None:
             from companion.view import display_trajectory, replay_page  # noqa: PLC0415  (brings viser, slow to import)
 
             player = replay_page(display_trajectory(subject.replay, subject.comparison.track), flight)
             data["player"] = msgspec.json.encode(player).decode()
-    notes = (*flight.notes, *assessment.drift.notes)
-    sections += [
-        provenance.log_facts(source, flight, examined.gaps, notes),
-        provenance.again(source, subject.settings, command, provenance.choices(assessment, examined.correction)),
-    ]
+    sections += provenance.sections(
+        source,
+        flight,
+        subject.settings,
+        examined.gaps,
+        notes=(*flight.notes, *assessment.drift.notes),
+        command=command,
+        chosen=provenance.choices(assessment, examined.correction),
+    )
     return sheet(_name(source), first, sections, charts, data)
 
 
-def _playback(subject: Subject) -> Section:
+def _playback(subject: Subject) -> str:
     """The 3D replay: a document of its own in a frame, so that its scripts and the page's keep apart."""
     if subject.replay is None:
-        return Section("playback", "3D playback", paragraph(f"Not made: {subject.why_no_replay}"))
+        return paragraph(f"Not made: {subject.why_no_replay}")
     words = (
         "The solid drone is the IMU alone, the see-through blue one the autopilot. Drag to turn, scroll to come "
         "nearer, press play below."
     )
-    frame = (
+    return paragraph(words, "screen") + (
         '<div id="playback-place"><button id="playback-start" type="button">Load the 3D playback</button></div>'
         '<p class="paper">The 3D playback is in the file that this was printed from: open it in a browser.</p>'
     )
-    return Section("playback", "3D playback", paragraph(words, "screen") + frame)
 
 
 def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
@@ -86,12 +94,12 @@ def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None 
     """
     charts, flight = Charts(), unexamined.flight
     first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
-    sections = [
-        *([bare_findings(unexamined.verdict)] if unexamined.says_something else []),
-        track(flight, None, palette.IMU, charts),
-        provenance.log_facts(source, flight, unexamined.gaps, flight.notes),
-        provenance.again(source, settings or Settings(), command),
-    ]
+    sections = [Section("track", "Altitude", track(flight, None, palette.IMU, charts))]
+    if unexamined.says_something:
+        sections.insert(0, Section("findings", "Findings", bare_findings(unexamined.verdict)))
+    sections += provenance.sections(
+        source, flight, settings or Settings(), unexamined.gaps, notes=flight.notes, command=command
+    )
     return sheet(_name(source), first, sections, charts, {})
 
 

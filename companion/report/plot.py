@@ -17,7 +17,7 @@ from companion.report.track_and_altitude import ground_track
 
 
 def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
-    """How far the IMU alone is from the autopilot over time; with an assessment, beside what is expected (1σ, 3σ).
+    """The IMU alone minus the autopilot over time; with an assessment, beside the expected error (1σ, 3σ).
 
     Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
     """

@@ -1,4 +1,4 @@
-"""What the log had in it, and all that is needed to make the same report again."""
+"""The contents of the log, and all that is needed to make the same report again."""
 
 from __future__ import annotations
 
@@ -22,8 +22,25 @@ _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")
 MOST_TEXTS = 500
 
 
-def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Sequence[str]) -> Section:
-    """Rates, gaps (of each IMU), damage, notes, and what the vehicle sent."""
+def sections(
+    source: Source,
+    flight: Flight,
+    settings: Settings,
+    imu_gaps: Mapping[str, int],
+    *,
+    notes: Sequence[str],
+    command: str,
+    chosen: Sequence[tuple[str, str]] = (),
+) -> list[Section]:
+    """The log, and how to make the report again. imu_gaps: of each IMU; chosen: see `choices`."""
+    return [
+        Section("log", "The log", _log(source, flight, imu_gaps, notes)),
+        Section("again", "Reproduce this report", _again(source, settings, command, chosen)),
+    ]
+
+
+def _log(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Sequence[str]) -> str:
+    """Rates, gaps, damage, notes, and what the vehicle sent."""
     unknown = ", ".join(f"{i} ({n})" for i, n in sorted(source.unknown_frames.items()))
     facts = [
         ("file", source.path),
@@ -50,26 +67,25 @@ def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes
             for name, s in flight.messages.items()
         ],
     )
-    texts = table(
-        ["text", "severity", "s"],
-        [[t.text, severity_word(t.severity), f"{t.t:.2f}"] for t in flight.texts[:MOST_TEXTS]],
-        words=2,
-    )
     body = table(["the log", ""], facts, words=2) + (f"<h3>IMUs</h3>{rates}" if imus else "")
     body += "".join(paragraph(f"Note: {note}") for note in notes)
     body += details(f"Every message of this flight ({len(flight.messages)})", messages)
-    if flight.events:
-        rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
-        title = f"Arming, modes and errors ({_count(flight.events)})"
-        body += details(title, table(["event", "", "s"], rows, words=2))
-    body += details(f"Vehicle messages ({_count(flight.texts)})", texts) if flight.texts else ""
+    events = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events]
+    texts = [[t.text, severity_word(t.severity), f"{t.t:.2f}"] for t in flight.texts]
+    for title, names, rows in (
+        ("Arming, modes and errors", ["event", "", "s"], events),
+        ("Vehicle messages", ["text", "severity", "s"], texts),
+    ):
+        if rows:
+            cut = f", the first {MOST_TEXTS}" if len(rows) > MOST_TEXTS else ""
+            body += details(f"{title} ({len(rows)}{cut})", table(names, rows[:MOST_TEXTS], words=2))
     if flight.parameters:
         values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
         body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
-    return Section("log", "The log", body)
+    return body
 
 
-def again(source: Source, settings: Settings, command: str, chosen: Sequence[tuple[str, str]] = ()) -> Section:
+def _again(source: Source, settings: Settings, command: str, chosen: Sequence[tuple[str, str]]) -> str:
     """Command line, settings, versions, the fingerprint of the log, and what else was `chosen`."""
     rows = [
         ("companion", _versions()),
@@ -85,15 +101,11 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
         "(<code>document.getElementById('companion').textContent</code>), which is what "
         "<code>companion analyze --json</code> prints.</p>"
     )
-    return Section(
-        "again",
-        "Reproduce this report",
-        table(["", ""], rows, words=2) + details("Every setting", file) + (document if chosen else ""),
-    )
+    return table(["", ""], rows, words=2) + details("Every setting", file) + (document if chosen else "")
 
 
 def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
-    """How the flight was examined, as rows for `again`. correction: the file that was applied."""
+    """IMU, integration, noise model and correction (the file that was applied), as rows of a table."""
     how = assessment.comparison.how
     return [
         ("IMU", assessment.drift.imu),
@@ -130,16 +142,9 @@ def _toml(settings: dict[str, dict[str, object]]) -> str:
 
 
 def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(_value(v) for v in value)}]"
     return msgspec.json.encode(value).decode()
-
-
-def _count(things: Sequence[object]) -> str:
-    """How many there are, and how many of them are shown."""
-    return f"{len(things)}, the first {MOST_TEXTS}" if len(things) > MOST_TEXTS else str(len(things))
 
 
 def _seconds(value: float | None) -> str:

@@ -23,15 +23,14 @@ from companion.present import (
     words,
 )
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 
-def calibration(subject: Subject) -> Section:
+def calibration(subject: Subject) -> str:
     """Fitted errors with their standard errors, and what they gain."""
-    title, fit = "Calibration", subject.assessment.calibration
+    fit = subject.assessment.calibration
     if fit is None:
-        return Section("calibration", title, paragraph("Not made: too few windows of 5 s, or none that can be fitted."))
+        return paragraph("Not made: too few windows of 5 s, or none that can be fitted.")
     rows = [[part.title, _values(fit, name), part.unit] for name, part in CALIBRATED.items() if fit.told(name)]
     shown = table(["error", "± one standard error", ""], rows, name="calibration-table", words=3) if rows else ""
     if unknown := not_observable(fit):
@@ -53,26 +52,25 @@ def calibration(subject: Subject) -> Section:
         figure["layout"] |= {"showlegend": False, "hovermode": "closest"}
         caption = f"From {fit.windows} windows of {fit.horizon_s:g} s. Bars: ± two standard errors."
         shown += subject.charts.add(figure, caption, rows=0.75 * len(panels))
-    return Section("calibration", title, shown)
+    return shown
 
 
-def redundant_imus(subject: Subject) -> Section:
+def redundant_imus(subject: Subject) -> str:
     """Every IMU through the same windows."""
-    title = "Every IMU side by side"
     others = subject.examined.redundant_imus
     if len(others) < 2:
-        return Section("imus", title, paragraph("This flight has one IMU message with enough samples."))
+        return paragraph("This flight has one IMU message with enough samples.")
     shown = html_table(redundant_imus_table(others), "imus-table")
     known = [other for other in others if other.drift.attitude_deg]
     if not known:
-        return Section("imus", title, shown)
+        return shown
     drawn = [q for q in QUANTITIES if q.name != "velocity" and any(getattr(o.drift, q.attribute) for o in known)]
     panels = [traces.Panel(q.title, [_bars(known, q.attribute, subject.colours)]) for q in drawn]
     figure = traces.stack(panels, "", type="category")
     figure["layout"] |= {"hovermode": "closest", "bargap": 0.5, "showlegend": False}
     seconds = others[0].drift.horizon_s
     caption = f"Drift after {seconds:g} s: bar to the median, line to 95 %. This report is about {subject.imu}."
-    return Section("imus", title, shown + subject.charts.add(figure, caption, rows=len(panels)))
+    return shown + subject.charts.add(figure, caption, rows=len(panels))
 
 
 def _values(fit: Calibration, name: str) -> str:
@@ -89,7 +87,7 @@ def _values(fit: Calibration, name: str) -> str:
 
 
 def _intervals(fit: Calibration) -> list[traces.Panel]:
-    """The vectors that the flight tells, each with a unit of its own."""
+    """The vectors that are observable, each with a unit of its own."""
     panels = []
     for name, part in CALIBRATED.items():
         if part.axes is not present.AXES or not fit.told(name):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from companion import present
 from companion.analysis import (
@@ -67,8 +67,13 @@ class Subject:
         """That of the IMU that was used."""
         return self.colours[self.imu]
 
+    @property
+    def longest_step(self) -> float:
+        """s, between two of its samples: a longer one is a gap."""
+        return self.comparison.how.limits.longest_step(self.comparison.track.t)
+
     def is_throughout(self, finding: Finding) -> bool:
-        """Whether it lasts as long as the flight, so that its time says nothing."""
+        """Whether it lasts as long as the flight."""
         first, last = self.ends
         return finding.end_s - finding.start_s > 0.9 * (last - first)
 
@@ -87,7 +92,7 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     shown, why = None, ""
     try:
         shown = replay(
-            replace(flight, imus={**flight.imus, track.source: track}),
+            flight.with_imu(track),
             imu=track.source,
             how=how,
             reanchor_s=settings.view.reanchor_s or None,

@@ -10,16 +10,20 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import QUANTITIES, clause, flight_words, palette, paragraph, short, text, vehicle_words
+from companion.present import (
+    QUANTITIES,
+    capitalised,
+    clause,
+    flight_words,
+    palette,
+    paragraph,
+    short,
+    text,
+    vehicle_words,
+    words,
+)
 from companion.report.subject import Subject
 from companion.view import worst_stretch
-
-_MEANS = {
-    "consistent": "Consistent",
-    "imu_suspect": "IMU suspect",
-    "autopilot_suspect": "Autopilot suspect",
-    "insufficient_data": "Insufficient data",
-}
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
 _SHOWN_S = 5.0  # the horizon of which the median is shown
@@ -60,14 +64,13 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 
 def _banner(status: str, summary: str) -> str:
-    title = f"{palette.SIGNS[status]} {text(_MEANS[status])}"
-    words = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary))
-    sentence = words[:1].upper() + words[1:]
+    title = f"{palette.SIGNS[status]} {text(capitalised(words(status)))}"
+    sentence = capitalised(re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary)))
     return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(sentence)}</p></div>'
 
 
 def _date(flight: Flight) -> str:
-    """When the flight began, as far as the log tells; "" where it does not."""
+    """When the flight began; "" where that is not known."""
     if flight.epoch is None:
         return ""
     try:
@@ -80,8 +83,7 @@ def _date(flight: Flight) -> str:
 def _cards(subject: Subject) -> list[tuple[str, str]]:
     """The few numbers that a reader wants first: the worst, what was expected there, when; then what is usual.
 
-    How many windows are inside their bound is not among them: the verdict says it of the windows that it judges, which
-    are fewer than those of the drift table.
+    The share of windows inside their bound is not among them: the verdict has it, of the windows that it judges.
     """
     cards = _worst(subject)
     drift = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)

@@ -1,4 +1,4 @@
-"""What every chart is made of: lines, bands and panels as plotly's own dictionaries, in the colours of the view."""
+"""Lines, bands and panels of charts as plotly's own dictionaries, in the colours of the view."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.model import Array, longest_step
 from companion.present import palette
@@ -37,10 +38,15 @@ def line(
     kept = extremes((np.nan_to_num(y, posinf=1e300, neginf=-1e300),), limit)
     x, y = x[kept], y[kept]
     if breaks is not None and len(breaks):
-        at = np.unique(np.searchsorted(x, breaks))
-        at = at[(at > 0) & (at < len(x))]
+        at = breaks_among(x, breaks)
         x, y = np.insert(x, at, x[at]), np.insert(y, at, np.nan)
     return curve(x, y, name, colour, **more)
+
+
+def breaks_among(t: Array, breaks: Array) -> npt.NDArray[np.intp]:
+    """The indices of samples at times t before which a line is interrupted, each once."""
+    at = np.unique(np.searchsorted(t, breaks))
+    return at[(at > 0) & (at < len(t))]
 
 
 def gaps(t: Array, gap: float | None = None) -> Array:

@@ -13,7 +13,6 @@ from companion.model import Array, Flight
 from companion.present import palette, paragraph, short, text
 from companion.report import traces
 from companion.report.charts import Charts
-from companion.report.html_page import Section
 from companion.view import best_path, extremes, worst_stretch
 
 _MOST_EVENTS = 200
@@ -71,11 +70,11 @@ def ground_track(
 
 def track(
     flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
-) -> Section:
+) -> str:
     """Height over time, of the autopilot alone where there is no replay; colour: of the IMU."""
     paths = _paths(flight, shown, colour, best)
     if not paths:
-        return Section("track", "Altitude", paragraph("Not drawn: this flight has no position."))
+        return paragraph("Not drawn: this flight has no position.")
     more = " Double-click shows all of the IMU where it runs off." if len(paths) > 1 else ""
     reference = paths[-1]
     heights = [traces.line(p.t, -p.position[:, 2], p.name, p.colour, breaks=p.breaks) for p in paths]
@@ -83,7 +82,7 @@ def track(
     panel = traces.Panel("height above origin, m", [*heights, *_events(flight, reference)], {"range": [low, high]})
     altitude = traces.stack([panel], traces.TIME)
     altitude["layout"]["hovermode"] = "x"
-    return Section("track", "Altitude", charts.add(altitude, f"Height over time.{more}"))
+    return charts.add(altitude, f"Height over time.{more}")
 
 
 def regained(shown: Replay) -> Array:
@@ -135,8 +134,7 @@ def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:
 def _on_the_map(path: _Path) -> traces.Trace:
     kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * traces.MOST_POINTS)
     t, position = path.t[kept], path.position[kept]
-    at = np.unique(np.searchsorted(t, path.breaks))
-    at = at[(at > 0) & (at < len(t))]
+    at = traces.breaks_among(t, path.breaks)
     east, north = (np.insert(position[:, i], at, np.nan) for i in (1, 0))
     return traces.curve(
         east, north, path.name, path.colour, customdata=np.insert(t, at, np.nan), hovertemplate="%{customdata:.1f} s"

@@ -1,4 +1,4 @@
-"""What the IMU shakes with: spectra of gyro and accelerometer, and vibration over the flight."""
+"""Spectra of gyro and accelerometer, and vibration over the flight."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from companion.estimation import Spectrum, imu_spectrum, vibration
 from companion.model import Array
 from companion.present import palette, paragraph, text
 from companion.report import traces
-from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 _VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine
 _FEWEST_HZ = 20.0
 
 
-def spectra(subject: Subject) -> Section:
+def spectra(subject: Subject) -> str:
     """Power spectral densities beside the sensor's own noise."""
-    title = "IMU spectra"
     comparison, spec = subject.comparison, subject.assessment.figures
-    spectrum = imu_spectrum(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
+    spectrum = imu_spectrum(comparison.track, subject.longest_step)
     if spectrum is None:
-        reason = "Not drawn: no stretch without a gap is long enough for a spectrum (32 samples)."
-        return Section("spectra", title, paragraph(reason))
+        return paragraph("Not drawn: no stretch without a gap is long enough for a spectrum (32 samples).")
     panels = traces.densities(
         lambda sensor: _densities(spectrum, getattr(spectrum, sensor), getattr(spec, sensor).noise_density)
     )
@@ -33,7 +30,7 @@ def spectra(subject: Subject) -> Section:
         f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
         f"{spec.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
-    return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject, spectrum))
+    return subject.charts.add(figure, caption, rows=3) + _side_by_side(subject, spectrum)
 
 
 def _side_by_side(subject: Subject, own: Spectrum) -> str:
@@ -48,65 +45,62 @@ def _side_by_side(subject: Subject, own: Spectrum) -> str:
         return ""
 
     def lines(sensor: str) -> list[traces.Trace]:
+        densities = {name: np.sqrt(0.5 * getattr(one, sensor)[1:].sum(axis=1)) for name, one in by_imu.items()}
         return [
-            traces.line(
-                s.frequency_hz[1:], np.sqrt(0.5 * getattr(s, sensor)[1:].sum(axis=1)), text(name), subject.colours[name]
-            )
-            for name, s in by_imu.items()
+            traces.line(by_imu[name].frequency_hz[1:], density, text(name), subject.colours[name])
+            for name, density in densities.items()
         ]
 
     figure = traces.stack(traces.densities(lines), "frequency, Hz", type="log")
     return subject.charts.add(figure, "Every IMU beside the others, root of the sum over its axes.", rows=3)
 
 
-def shaking(subject: Subject) -> Section:
+def shaking(subject: Subject) -> str:
     """Vibration over the flight: the vehicle's own measure, and what the IMU's samples show of it."""
-    title = "Vibration"
-    reported = _reported(subject)
-    measured = _measured(subject)
-    if reported is None and measured is None:
-        rate = subject.comparison.track.rate_hz
-        why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
-        words = f"Not drawn: the vehicle did not report its vibration, and {why} to see it in {subject.imu}."
-        return Section("vibration", title, paragraph(words))
-    return Section("vibration", title, (reported or "") + (measured or ""))
+    if charts := _reported(subject) + _measured(subject):
+        return charts
+    rate = subject.comparison.track.rate_hz
+    why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
+    return paragraph(f"Not drawn: the vehicle did not report its vibration, and {why} to see it in {subject.imu}.")
 
 
-def _reported(subject: Subject) -> str | None:
-    """What the vehicle reports of its vibration, and how often an accelerometer was at its limit."""
+def _reported(subject: Subject) -> str:
+    """The vehicle's own measure, and the number of readings at an accelerometer's limit; "" without any."""
     series = subject.flight.series.get("vibration")
     names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
     if series is None or not names or len(series) < 2:
-        return None
+        return ""
     colours = [subject.colour] if len(names) == 1 else palette.AXES
     titles = ["all axes"] if len(names) == 1 else [name for name, _ in AXES]
     lines = [
         traces.line(series.t, series[name], title, colour)
         for name, title, colour in zip(names, titles, colours, strict=True)
     ]
-    figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
     clips = [counter.readings for counter in clip_counts(series)]
     caption = f"The vehicle's own measure ({series.source})."
     if len(names) == 3:
         caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."
     if clips:
         caption += f" An accelerometer was at its limit {sum(clips):.0f} times."
-    return subject.charts.add(figure, caption)
+    return _over_time(subject, "vibration, m/s²", lines, caption)
 
 
-def _measured(subject: Subject) -> str | None:
-    """What is left of it in the samples."""
-    comparison = subject.comparison
-    seen = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
+def _measured(subject: Subject) -> str:
+    """Vibration in the samples; "" where they do not show it."""
+    seen = vibration(subject.comparison.track, subject.longest_step)
     if seen is None:
-        return None
+        return ""
     lines = [traces.line(seen.t, seen.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
-    figure = traces.stack([traces.Panel("above 5 Hz, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
     caption = (
-        f"Specific force of {comparison.track.source} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
+        f"Specific force of {subject.imu} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
         "from the IMU at its full rate: what the stream's low-pass and rate have lost is missing here."
     )
-    return subject.charts.add(figure, caption)
+    return _over_time(subject, "above 5 Hz, m/s²", lines, caption)
+
+
+def _over_time(subject: Subject, title: str, lines: list[traces.Trace], caption: str) -> str:
+    panel = traces.Panel(title, lines, {"rangemode": "tozero"})
+    return subject.charts.add(traces.stack([panel], traces.TIME), caption)
 
 
 def _densities(spectrum: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:

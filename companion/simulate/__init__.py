@@ -1,4 +1,4 @@
-"""A vehicle with known truth: flies a closed form, measures it through the IMU model, speaks MAVLink. Deterministic."""
+"""A simulated vehicle with known truth: a motion in closed form, the IMU model, MAVLink. Deterministic."""
 
 from companion.simulate.circuit import square
 from companion.simulate.true_flight import (
@@ -16,23 +16,3 @@ from companion.simulate.true_flight import (
     pressure,
 )
 from companion.simulate.vehicle import PARAMETERS, SimulatedVehicle, serve, write_flight
-
-__all__ = [
-    "GPS_SIGMA",
-    "HOME",
-    "LOOP_US",
-    "MOTIONS",
-    "PARAMETERS",
-    "TYPICAL",
-    "AidingReadings",
-    "Faults",
-    "Flown",
-    "SimulatedVehicle",
-    "aiding_readings",
-    "fly",
-    "low_pass",
-    "pressure",
-    "serve",
-    "square",
-    "write_flight",
-]

@@ -26,12 +26,12 @@ _DERIVATIVES = [_STEP.deriv(order) if order else _STEP for order in range(4)]
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """From `begin` s for `lasting` s: so far north, east and down in m, so much yaw in rad."""
+    """A smooth step."""
 
-    begin: float
-    lasting: float
-    by: tuple[float, float, float]
-    turn: float = 0.0
+    begin: float  # s
+    duration: float  # s
+    by: tuple[float, float, float]  # north, east, down, m
+    turn: float = 0.0  # yaw, rad
 
 
 def square(t: Array) -> Motion:
@@ -43,13 +43,12 @@ def square(t: Array) -> Motion:
     laps = max(1, int((float(t[-1]) - _ONCE_S) // _LAP_S))
     states = np.zeros((4, len(t), 4))  # order of the derivative, time, (north, east, down, yaw)
     for move in _moves(laps):
-        first, last = np.searchsorted(t, [move.begin, move.begin + move.lasting])
-        u, by = (t[first:last] - move.begin) / move.lasting, np.array([*move.by, move.turn])
+        first, last = np.searchsorted(t, [move.begin, move.begin + move.duration])
+        u, by = (t[first:last] - move.begin) / move.duration, np.array([*move.by, move.turn])
         for order, polynomial in enumerate(_DERIVATIVES):
-            states[order, first:last] += (polynomial(u) / move.lasting**order)[:, None] * by
+            states[order, first:last] += (polynomial(u) / move.duration**order)[:, None] * by
         states[0, last:] += by
-    position, velocity, acceleration, jerk = states[..., :3]
-    return _flown(t, position, velocity, acceleration, jerk, states[0, :, 3], states[1, :, 3])
+    return _flown(t, *states[..., :3], *states[:2, :, 3])
 
 
 def _moves(laps: int) -> list[_Move]:

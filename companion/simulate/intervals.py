@@ -1,4 +1,4 @@
-"""The message intervals of a simulated autopilot, with what ArduPilot and PX4 do to requests."""
+"""The message intervals of a simulated autopilot, and the rules of ArduPilot and PX4 for requests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Intervals:
         self._streams = {name: _Stream(interval, 0) for name, interval in default.items()}
 
     def get(self, name: str) -> int:
-        """What MESSAGE_INTERVAL says: µs, -1 for one that is not sent, 0 for one that is not known.
+        """The interval of MESSAGE_INTERVAL: µs, -1 for one that is not sent, 0 for one that is not known.
 
         PX4: 0 for one that is not sent, -1 for one without a limit (mavlink_receiver.cpp, get_message_interval).
         """
@@ -53,17 +53,17 @@ class Intervals:
             return -1 if name in self._unlimited and interval == self._default[name] else interval
         return interval or -1
 
-    def set(self, name: str, wanted_us: float, now_us: int) -> int:
+    def set(self, name: str, requested_us: float, now_us: int) -> int:
         """SET_MESSAGE_INTERVAL: ACCEPTED or DENIED (GCS_Common.cpp, set_message_interval)."""
         if name not in self._streams:
             return DENIED
-        interval = int(wanted_us)
+        interval = int(requested_us)
         if interval == 0:
             interval = self._default[name]
         elif interval < 0:
             interval = 0
         elif self._autopilot == "ardupilot":
-            milliseconds = interval // 1000  # asked 150 Hz, got 166.7
+            milliseconds = interval // 1000  # requested 150 Hz, got 166.7
             if milliseconds < LOOP_US // 800:  # 333 Hz is the fastest at a 400 Hz loop
                 return DENIED
             interval = self._nearest(name, milliseconds * 1000)

@@ -1,20 +1,21 @@
-"""What each message of a simulated autopilot carries at the steps of its loop, in wire units."""
+"""The fields of each message of a simulated autopilot at the steps of its loop, in wire units."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import MessageLayout
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, geodetic_from_ned
+from companion.model import STANDARD_GRAVITY, Array, geodetic_from_ned
 from companion.simulate.true_flight import GPS_SIGMA, HOME, Flown, pressure
 from companion.strapdown import quaternion
 
 Steps = npt.NDArray[np.int64]
-Fields = Mapping[str, npt.NDArray[Any] | int]
+Fields = Mapping[str, npt.NDArray[Any] | float]
 
 _ALIGNED = 0b11_0011_1111  # ESTIMATOR_STATUS_FLAGS: attitude, velocity, position and height are known
 _RATIO = 0.05  # of an innovation to what it may be, in an estimator that is well
@@ -23,29 +24,7 @@ _ALOFT_M = 0.1
 _COVARIANCE = 21  # elements; the first is NaN where it is not known
 
 
-_RATIOS = {
-    "EKF_STATUS_REPORT": ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"),
-    "ESTIMATOR_STATUS": ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
-}
-_AXES = ("vibration_x", "vibration_y", "vibration_z")
-
-STATUS = frozenset({*_RATIOS, "VIBRATION", "EXTENDED_SYS_STATE", "ODOMETRY"})
-"""Messages about the autopilot's state."""
-
-
-def status_fields(name: str, flown: Flown, index: Steps, boot_us: Steps) -> Fields:
-    """The fields of a message about the state at loop steps (N,), at times (N,) µs after boot."""
-    if name == "EXTENDED_SYS_STATE":
-        return {"landed_state": np.where(-flown.truth.position[index, 2] > _ALOFT_M, _IN_AIR, _ON_GROUND)}
-    stamp: Fields = {} if name == "EKF_STATUS_REPORT" else {"time_usec": boot_us}
-    if name == "VIBRATION":
-        return {**stamp, **dict.fromkeys(_AXES, 1)}
-    if name == "ODOMETRY":
-        return {**stamp, **_odometry(flown, index)}
-    return {**stamp, **dict.fromkeys(_RATIOS[name], np.full(len(index), _RATIO)), "flags": _ALIGNED}
-
-
-def _odometry(flown: Flown, index: Steps) -> Fields:
+def _odometry(flown: Flown, index: Steps, _: Steps) -> Fields:
     """As PX4's: both frames are local NED."""
     unknown = np.full((len(index), _COVARIANCE), np.nan)
     names = ("x", "y", "z", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed")
@@ -70,7 +49,7 @@ STREAMS = {
     "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29, "VIBRATION": 241, "EKF_STATUS_REPORT": 193, "ESTIMATOR_STATUS": 230,
     "EXTENDED_SYS_STATE": 245, "ODOMETRY": 331, "GPS2_RAW": 124, "SCALED_IMU3": 129, "ATTITUDE_TARGET": 83,
 }  # fmt: skip
-"""Messages that can be asked for → their ids."""
+"""Messages that can be requested → their ids."""
 
 
 def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) -> list[bytes]:
@@ -79,42 +58,15 @@ def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) 
     Integers are cut towards zero, as ArduPilot's C casts do (GCS_Common.cpp, send_raw_imu).
     """
     rows = np.zeros(len(index), layout.dtype)
-    fields = status_fields if layout.name in STATUS else _fields
-    for field, values in fields(layout.name, flown, index, boot_us).items():
+    stamps = {"time_usec": boot_us, "time_boot_ms": boot_us // 1000}
+    fields = {name: stamp for name, stamp in stamps.items() if name in layout.fields}
+    for field, values in (fields | dict(_FIELDS[layout.name](flown, index, boot_us))).items():
         rows[field] = values
     packed, size = rows.tobytes(), layout.max_length
     return [packed[begin : begin + size] for begin in range(0, len(packed), size)]
 
 
-def _fields(name: str, flown: Flown, index: Steps, boot_us: Steps) -> Fields:
-    if name == "SYS_STATUS":
-        return {"load": 250, "voltage_battery": 12_600, "battery_remaining": 80}
-    if name == "SIM_STATE":
-        return _truth(flown, index)
-    if name == "GPS_RAW_INT":
-        return _fix(flown, index, boot_us)
-    stamp: Fields = {"time_usec": boot_us} if name in ("RAW_IMU", "HIGHRES_IMU") else {"time_boot_ms": boot_us // 1000}
-    if name == "HIGHRES_IMU":
-        field = flown.aiding.fields[0][index] / _GAUSS
-        read = _columns((*_IMU, *_COMPASS), flown.imu.accel[index], flown.imu.gyro[index], field)
-        columns: Fields = {**read, "fields_updated": 0x1FF}
-    elif name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
-        second = name == "SCALED_IMU2"
-        columns = _milli(flown.second if second else flown.imu, flown.aiding.fields[second], index)
-    elif name == "SCALED_PRESSURE":
-        columns = {"press_abs": pressure(flown.aiding.height[index]) / _HPA, "temperature": _MILD}
-    elif name == "ATTITUDE":
-        columns = _columns((*_ANGLES, *_RATES), quaternion.to_euler(flown.q_ned_frd[index]), flown.rates[index])
-    elif name == "ATTITUDE_QUATERNION":
-        columns = _columns((*_QUATERNION, *_RATES), flown.q_ned_frd[index], flown.rates[index])
-    elif name == "LOCAL_POSITION_NED":
-        columns = _columns(("x", "y", "z", "vx", "vy", "vz"), flown.position[index], flown.velocity[index])
-    else:
-        columns = _global(flown, index)
-    return {**stamp, **columns}
-
-
-def _global(flown: Flown, index: Steps) -> Fields:
+def _global(flown: Flown, index: Steps, _: Steps) -> Fields:
     position = flown.position[index]
     place = _geodetic(position) * [1e7, 1e7, 1e3]
     names = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -138,12 +90,18 @@ def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:
     }  # fmt: skip
 
 
-def _milli(imu: ImuTrack, field: Array, index: Steps) -> Fields:
+def _highres(flown: Flown, index: Steps, _: Steps) -> Fields:
+    readings = flown.imu.accel[index], flown.imu.gyro[index], flown.aiding.fields[0][index] / _GAUSS
+    return {**_columns((*_IMU, *_COMPASS), *readings), "fields_updated": 0x1FF}
+
+
+def _milli(flown: Flown, index: Steps, _: Steps, *, second: bool = False) -> Fields:
+    imu, field = flown.second if second else flown.imu, flown.aiding.fields[second]
     readings = np.hstack([imu.accel[index] / _MG, imu.gyro[index] / _MRAD, field[index] / _GAUSS * 1e3])
     return _columns((*_IMU, *_COMPASS), np.clip(np.trunc(readings), -32768, 32767))
 
 
-def _truth(flown: Flown, index: Steps) -> Fields:
+def _truth(flown: Flown, index: Steps, _: Steps) -> Fields:
     """SIM_STATE; like ArduPilot's without a time of its own, and with degE7 in lat_int and lon_int."""
     truth = flown.truth
     q, place = truth.q_ned_frd[index], _geodetic(truth.position[index])
@@ -161,3 +119,31 @@ def _geodetic(position: Array) -> Array:
     """NED (N, 3) in m about home → latitude and longitude in °, altitude in m."""
     place = geodetic_from_ned(position, HOME)
     return np.column_stack([np.degrees(place[:, :2]), place[:, 2]])
+
+
+def _ratios(*names: str) -> Callable[[Flown, Steps, Steps], Fields]:
+    return lambda _flown, _index, _: dict.fromkeys(names, _RATIO) | {"flags": _ALIGNED}
+
+
+_FIELDS: Mapping[str, Callable[[Flown, Steps, Steps], Fields]] = {
+    "RAW_IMU": _milli,
+    "SCALED_IMU": _milli,
+    "SCALED_IMU2": partial(_milli, second=True),
+    "HIGHRES_IMU": _highres,
+    "ATTITUDE": lambda f, i, _: _columns((*_ANGLES, *_RATES), quaternion.to_euler(f.q_ned_frd[i]), f.rates[i]),
+    "ATTITUDE_QUATERNION": lambda f, i, _: _columns((*_QUATERNION, *_RATES), f.q_ned_frd[i], f.rates[i]),
+    "LOCAL_POSITION_NED": lambda f, i, _: _columns(("x", "y", "z", "vx", "vy", "vz"), f.position[i], f.velocity[i]),
+    "GLOBAL_POSITION_INT": _global,
+    "GPS_RAW_INT": _fix,
+    "SCALED_PRESSURE": lambda f, i, _: {"press_abs": pressure(f.aiding.height[i]) / _HPA, "temperature": _MILD},
+    "SIM_STATE": _truth,
+    "SYS_STATUS": lambda *_: {"load": 250, "voltage_battery": 12_600, "battery_remaining": 80},
+    "VIBRATION": lambda *_: dict.fromkeys(("vibration_x", "vibration_y", "vibration_z"), 1),
+    "EKF_STATUS_REPORT": _ratios("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"),
+    "ESTIMATOR_STATUS": _ratios("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
+    "EXTENDED_SYS_STATE": lambda f, i, _: {
+        "landed_state": np.where(-f.truth.position[i, 2] > _ALOFT_M, _IN_AIR, _ON_GROUND)
+    },
+    "ODOMETRY": _odometry,
+}
+"""Message → its fields but the stamp, at loop steps (N,), at times (N,) µs after boot."""

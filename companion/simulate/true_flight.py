@@ -1,4 +1,4 @@
-"""A flight with known truth: what happened, what its sensors read, what the autopilot made of it, what goes wrong."""
+"""A flight with known truth: motion, sensor readings, the autopilot's estimate, faults."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _BAROMETER_SIGMA = 0.1  # m
 class AidingReadings:
     """Readings at the N times of a motion, and fixes as they come."""
 
-    fixed: Array  # (M,) s, when a fix reached the autopilot: FIX_LATENCY_S after the time that it speaks of
+    fixed: Array  # (M,) s, when a fix reached the autopilot: FIX_LATENCY_S after its time of validity
     place: Array  # (M, 3) m, NED about HOME
     velocity: Array  # (M, 3) m/s, NED
     fields: tuple[Array, Array]  # (N, 3) tesla, FRD, of either compass
@@ -72,7 +72,7 @@ class Faults:
     garbage: float = 0.0  # share of packets with noise in front of them
     denied: frozenset[str] = frozenset()  # messages whose interval may not be set; "*": none may
     never: frozenset[str] = frozenset()  # messages that are promised and never come, as PX4 does without a source
-    turned_down: tuple[float, ...] = ()  # s, another ground station asks for every stream at 2 Hz
+    turned_down: tuple[float, ...] = ()  # s, another ground station requests every stream at 2 Hz
     imu_bias: tuple[float, float] | None = None  # from s on, rad/s about z: a gyro bias
     imu_stuck: float | None = None  # from s on, every axis reads the same
     imu_clip: tuple[float, float] | None = None  # (begin, end) s, vibration beyond the accelerometer's range
@@ -215,8 +215,8 @@ def fly(
     if faults.gps_glitch:
         begin, end, jump = faults.gps_glitch
         position[(t >= begin) & (t < end), 1] += jump
-        spoke_of = others.fixed - FIX_LATENCY_S
-        others.place[(spoke_of >= begin) & (spoke_of < end), 1] += jump
+        valid_at = others.fixed - FIX_LATENCY_S
+        others.place[(valid_at >= begin) & (valid_at < end), 1] += jump
     return Flown(
         truth=truth,
         imu=replace(imu, source="measured"),

@@ -1,4 +1,4 @@
-"""A simulated vehicle that speaks MAVLink: bytes in, packets out, at times that the caller or the clock sets."""
+"""A simulated MAVLink vehicle: bytes in, packets out, at times that the caller or the clock sets."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS
 class SimulatedVehicle:
     """An autopilot over a flight.
 
-    It boots at t = 0 with no stream but `streams` (message → Hz; PX4 states no interval of those in `unlimited`), says
-    all its parameters then if `tell_parameters`, answers what a companion may ask, with the manners of ArduPilot or
-    PX4, and suffers `faults`. The same arguments and the same requests at the same times give the same packets.
+    It boots at t = 0 with no stream but `streams` (message → Hz; PX4 states no interval of those in `unlimited`), sends
+    all its parameters then if `send_parameters`, answers a companion's requests by the rules of ArduPilot or PX4, and
+    has `faults`. The same arguments and the same requests at the same times give the same packets.
     """
 
     def __init__(
@@ -61,24 +61,24 @@ class SimulatedVehicle:
         streams: Mapping[str, float] | None = None,
         unlimited: Collection[str] = frozenset(),
         parameters: Mapping[str, float] = PARAMETERS,
-        tell_parameters: bool = False,
+        send_parameters: bool = False,
         faults: Faults = Faults(),  # noqa: B008  (frozen)
         seed: int = 0,
     ) -> None:
         self.flown = flown
-        self.heard: Counter[str] = Counter()  # messages received, by name
+        self.received: Counter[str] = Counter()  # messages, by name
         self.sent: Counter[str] = Counter()  # messages made, by name, before the link loses any
         self.boots = 0  # how often it has started
         self._autopilot: Autopilot = autopilot
         self._ids = sysid, compid
         self._armed = flown.armed
         self._parameters = dict(parameters)
-        self._tell_parameters = tell_parameters
+        self._send_parameters = send_parameters
         self._faults = faults
-        known = {name for name in STREAMS if name not in _WITHOUT[autopilot]}
-        asked = streams or {}
+        rates = streams or {}
         self._unlimited = unlimited
-        self._default = {name: round(1e6 / asked[name]) if name in asked else 0 for name in STREAMS if name in known}
+        known = (name for name in STREAMS if name not in _WITHOUT[autopilot])
+        self._default = {name: round(1e6 / rates[name]) if name in rates else 0 for name in known}
         if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
             self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
         self._silent = faults.never | _NO_SENSOR | (_WITHOUT["px4"] if autopilot == "px4" else set())
@@ -99,7 +99,7 @@ class SimulatedVehicle:
         return self._step >= len(self.flown)
 
     def interval_us(self, name: str) -> int:
-        """How often a message is sent, as MESSAGE_INTERVAL would say it: see `Intervals.get`."""
+        """The interval of a message in MESSAGE_INTERVAL: see `Intervals.get`."""
         return self._intervals.get(name)
 
     def reboot(self) -> None:
@@ -107,10 +107,10 @@ class SimulatedVehicle:
         self._events.insert(0, (self.t, "reboot"))
 
     def receive(self, data: bytes) -> None:
-        """Hear what somebody sent. Answers go out with the next `advance`."""
+        """Take what somebody sent. Answers go out with the next `advance`."""
         received = split_messages(self._decoder.push(data), self._dialect)
         for name, messages in received.items():
-            self.heard[name] += len(messages)
+            self.received[name] += len(messages)
             for row in messages.rows:
                 self._answer(name, {field: row[field] for field in messages.layout.fields})
 
@@ -128,7 +128,7 @@ class SimulatedVehicle:
                 code = _CODES[self._autopilot]
                 begin, end = self._armed
                 mode = _MODE | (_ARMED if begin <= t <= end else 0)
-                self._say("HEARTBEAT", type=2, autopilot=code, base_mode=mode, system_status=4, mavlink_version=3)
+                self._send("HEARTBEAT", type=2, autopilot=code, base_mode=mode, system_status=4, mavlink_version=3)
             for name in self._intervals.due(now):
                 if name not in self._silent:
                     self._measure(name, now)
@@ -167,10 +167,10 @@ class SimulatedVehicle:
         self._out: list[bytes] = []
         self._ready: dict[str, dict[int, bytes]] = {}  # message → µs since boot → payload, made some way ahead
         banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"
-        self._say("STATUSTEXT", severity=6, text=banner)
-        if self._tell_parameters:
+        self._send("STATUSTEXT", severity=6, text=banner)
+        if self._send_parameters:
             for name in self._parameters:
-                self._say_parameter(name)
+                self._send_parameter(name)
         self.boots += 1
 
     def _happen(self, t: float) -> None:
@@ -186,26 +186,26 @@ class SimulatedVehicle:
     def _boot_us(self) -> int:
         return (self._step - self._boot_step) * LOOP_US
 
-    def _say(self, name: str, **values: Value) -> None:
+    def _send(self, name: str, **values: Value) -> None:
         self._out.append(self._packer.pack(name, values))
         self.sent[name] += 1
 
-    def _say_parameter(self, name: str) -> None:
-        self._say(
+    def _send_parameter(self, name: str) -> None:
+        self._send(
             "PARAM_VALUE", param_id=name.encode(), param_value=self._parameters[name], param_type=9,
             param_count=len(self._parameters), param_index=65535,
         )  # fmt: skip
 
     def _answer(self, name: str, message: dict[str, Any]) -> None:
         if name == "TIMESYNC" and message["tc1"] == 0:
-            self._say("TIMESYNC", tc1=self._boot_us() * 1000, ts1=int(message["ts1"]))
+            self._send("TIMESYNC", tc1=self._boot_us() * 1000, ts1=int(message["ts1"]))
             return
         if message.get("target_system") != self._ids[0] or message.get("target_component") not in (0, self._ids[1]):
             return
         if name == "PARAM_REQUEST_READ":
             parameter = bytes(message["param_id"]).split(b"\0")[0].decode("ascii", "replace")
             if parameter in self._parameters:
-                self._say_parameter(parameter)
+                self._send_parameter(parameter)
         elif name == "REQUEST_DATA_STREAM" and self._autopilot == "ardupilot":
             rate = int(message["req_message_rate"]) * int(message["start_stop"])
             for member in _GROUPS.get(int(message["req_stream_id"]), ()):
@@ -217,18 +217,18 @@ class SimulatedVehicle:
         name = _BY_ID.get(int(first), "")
         result = ACCEPTED
         if command == _GET_INTERVAL:
-            self._say("MESSAGE_INTERVAL", message_id=int(first), interval_us=self._intervals.get(name))
+            self._send("MESSAGE_INTERVAL", message_id=int(first), interval_us=self._intervals.get(name))
         elif command == _SET_INTERVAL:
             refused = name in self._faults.denied or "*" in self._faults.denied
             denied = refused or (third != 0 and self._autopilot == "ardupilot")
             result = DENIED if denied else self._intervals.set(name, second, self._boot_us())
         elif command == _REQUEST_MESSAGE and int(first) == _VERSION_ID:
-            self._say("COMMAND_ACK", command=command, result=ACCEPTED)  # ArduPilot acknowledges before it sends
-            self._say("AUTOPILOT_VERSION", flight_sw_version=_REQUEST_ID)
+            self._send("COMMAND_ACK", command=command, result=ACCEPTED)  # ArduPilot acknowledges before it sends
+            self._send("AUTOPILOT_VERSION", flight_sw_version=_REQUEST_ID)
             return
         else:
             result = DENIED if command == _REQUEST_MESSAGE else _UNSUPPORTED
-        self._say("COMMAND_ACK", command=command, result=result)
+        self._send("COMMAND_ACK", command=command, result=result)
 
 
 EPOCH = 1_700_000_000.0

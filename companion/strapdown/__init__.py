@@ -8,36 +8,6 @@ from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums,
 from companion.strapdown.dead_reckon import SAME_TIME, Preintegration, dead_reckon, preintegrate
 from companion.strapdown.dead_reckoner import DeadReckoner
 from companion.strapdown.gravity import normal_gravity
-from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
-from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
+from companion.strapdown.imu_model import ImuModel, Sensor, correct, simulate
+from companion.strapdown.increments import Increments, dense_attitude, increments
 from companion.strapdown.motions import Motion
-
-__all__ = [
-    "METHODS",
-    "MIDDLES",
-    "MOVED",
-    "SAME_TIME",
-    "DeadReckoner",
-    "ImuModel",
-    "Increments",
-    "Motion",
-    "Preintegration",
-    "Propagation",
-    "Sensor",
-    "Sums",
-    "attitude_at",
-    "correct",
-    "dead_reckon",
-    "dense_attitude",
-    "error_sums",
-    "increments",
-    "joined",
-    "motions",
-    "normal_gravity",
-    "preintegrate",
-    "propagate",
-    "quantisation_density",
-    "quaternion",
-    "simulate",
-    "skew",
-]

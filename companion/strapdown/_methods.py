@@ -100,7 +100,7 @@ METHODS: Final[Mapping[str, Method]] = {
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """How to integrate: a method, the signal inside an interval, and the pieces that the interval is cut into."""
+    """Integration options: the method, the interpolation between samples, and the substeps of an interval."""
 
     method: str
     middle: str
@@ -112,7 +112,7 @@ class Scheme:
         return self.middle == "cubic" and (METHODS[self.method].looks_inside or self.segments > 1)
 
     def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
-        """What a user must know about this scheme on this track that the numbers do not show."""
+        """What the numbers of this scheme on this track do not show."""
         notes = []
         if self.looks_ahead and len(imu) in (2, 3):
             shape = "the line" if len(imu) == 2 else "the parabola"
@@ -127,7 +127,7 @@ class Scheme:
         if self.looks_ahead and longest > UNEVEN * dt.min():
             notes.append(
                 f"more than {UNEVEN:g} times as long as a neighbour: {int(uneven(dt).sum())} of {len(dt)} intervals "
-                "(a gap, or a burst of samples); the signal is taken as a line there"
+                "(a gap, or a burst of samples); linearly interpolated there"
             )
         if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
             rate = np.linalg.norm(imu.gyro, axis=1)

@@ -1,4 +1,4 @@
-"""What the IMU measures between its samples: a line, the cubic through the four samples around, or what means tell.
+"""The signal between two samples of the IMU: a line, the cubic through four samples, or the one that conserves means.
 
 The cubic is written in Newton's form for unequally spaced times: the line plus a bend made of the second divided
 differences at both ends of the interval. At the ends of a track a fourth sample is missing; the track is continued by
@@ -26,7 +26,7 @@ from companion.model import Array, ImuTrack
 from companion.strapdown import _components as rows
 
 MIDDLES: Final = ("linear", "cubic")
-"""How the signal runs inside an interval."""
+"""Interpolations between two samples."""
 
 UNEVEN: Final = 30.0
 """An interval this many times as long as a neighbour gets the line: across a gap, or beside two samples sent in one
@@ -56,11 +56,6 @@ class Signal:
         scale = fraction * (1.0 - fraction) * h * h / (self.before + h + self.after)
         weight0, weight1 = scale * ((1.0 - fraction) * h + self.after), scale * (fraction * h + self.before)
         return np.asarray(line - (weight0 * self.bend0 + weight1 * self.bend1))
-
-    def take(self, index: npt.NDArray[np.intp]) -> Signal:
-        """The signal in chosen intervals."""
-        columns = (self.dt, self.start, self.end, self.before, self.after, self.bend0, self.bend1)
-        return Signal(*(column if column is None else column[..., index] for column in columns))  # type: ignore[arg-type]
 
 
 def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:

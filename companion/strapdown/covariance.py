@@ -1,4 +1,4 @@
-"""How errors of the start and of the IMU grow to the end of a window, each cause by itself (docs/mathematics.md).
+"""The growth of errors of the start and of the IMU to the end of a window, cause by cause (docs/mathematics.md).
 
 Errors are truth minus estimate in the world frame: `q_true = Exp(φ) ⊗ q`, δv, δp; biases δb = true minus used. With
 `a = C(q) f` the specific force in NED: φ' = -C(q) δw, δv' = -[a]x φ - C(q) δf, δp' = δv. φ only accumulates, so an
@@ -46,45 +46,16 @@ class Propagation:
     time_offset: Array  # (W, 9) per second by which the IMU's times lag behind the reference's
     gravity: Array  # (W, 9) per m/s² of gravity, down
 
-    def by_cause(
-        self,
-        *,
-        start: Array | None = None,
-        gyro_noise: float = 0.0,
-        accel_noise: float = 0.0,
-        gyro_walk: float = 0.0,
-        accel_walk: float = 0.0,
-    ) -> dict[str, Array]:
-        """The covariance (W, 15, 15) at the end, cause by cause.
+    def covariance(self, *, start: Array | None = None, **densities: float) -> Array:
+        """At the end, (W, 15, 15).
 
-        start: (15, 15) or (W, 15, 15) covariance at the start; split by the caller if its parts are to stay apart.
-        Densities: rad/s/√Hz and m/s²/√Hz of white noise, rad/s/√s and m/s²/√s of the bias walks.
+        start: (15, 15) or (W, 15, 15) covariance at the start. densities: of the causes in `noise`, in rad/s/√Hz and
+        m/s²/√Hz of white noise, rad/s/√s and m/s²/√s of the bias walks.
         """
-        densities = {
-            "gyro_noise": gyro_noise,
-            "accel_noise": accel_noise,
-            "gyro_walk": gyro_walk,
-            "accel_walk": accel_walk,
-        }
-        causes = {cause: density**2 * self.noise[cause] for cause, density in densities.items()}
+        total = sum(density**2 * self.noise[cause] for cause, density in densities.items())
         if start is not None:
-            causes["start"] = self.transition @ start @ self.transition.swapaxes(-1, -2)
-        return causes
-
-    def covariance(
-        self,
-        *,
-        start: Array | None = None,
-        gyro_noise: float = 0.0,
-        accel_noise: float = 0.0,
-        gyro_walk: float = 0.0,
-        accel_walk: float = 0.0,
-    ) -> Array:
-        """The sum of `by_cause`, (W, 15, 15)."""
-        causes = self.by_cause(
-            start=start, gyro_noise=gyro_noise, accel_noise=accel_noise, gyro_walk=gyro_walk, accel_walk=accel_walk
-        )
-        return np.asarray(sum(causes.values()))
+            total = total + self.transition @ start @ self.transition.swapaxes(-1, -2)
+        return np.asarray(total)
 
 
 def propagate(

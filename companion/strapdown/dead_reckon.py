@@ -44,7 +44,7 @@ class Preintegration:
     q: Array  # (N, 4) wxyz, body at t_i to body at t_0, unit length
     v: Array  # (N, 3) in the body frame at t_0, m/s, without gravity
     p: Array  # (N, 3) in the body frame at t_0, m, without gravity
-    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+    notes: tuple[str, ...] = ()  # what was done differently from what was requested, and why
     samples: npt.NDArray[np.intp] | None = None  # (N,) of the track, ascending; None: all of them
 
     def at(self, samples: npt.NDArray[np.intp]) -> Preintegration:
@@ -59,7 +59,7 @@ class Preintegration:
             return index
         row = np.searchsorted(self.samples, index)
         if not np.array_equal(self.samples[np.minimum(row, len(self.samples) - 1)], index):
-            raise IndexError("a sample is asked for at which the preintegration was not kept")
+            raise IndexError("the preintegration was not kept at this sample")
         return np.asarray(row)
 
     def carry(

@@ -14,10 +14,10 @@ class DeadReckoner:
 
     Linear, Euler and midpoint answer up to the newest sample. The cubic through four samples needs the one after an
     interval, so there the answer is one sample late (10 ms at 100 Hz) and never revised; the first answer needs four
-    samples. `behind` says how many samples wait, and `finish` answers them as the end of a track, one-sided.
+    samples. `behind` is the number of samples that wait, and `finish` answers them as the end of a track, one-sided.
 
     start: the state at one of the samples of the first push. method, middle, segments, gravity: see `dead_reckon`,
-    which also says what raises.
+    which also lists the errors.
     """
 
     def __init__(

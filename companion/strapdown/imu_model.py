@@ -1,10 +1,9 @@
 """What an IMU does to the truth, forwards to simulate it and backwards to correct it (docs/mathematics.md, "The IMU").
 
-    measured = quantise(saturate(matrix · true + bias + walk + drift + noise))
+    measured = quantise(saturate(matrix · true + bias + walk + noise))
 
 Units are continuous-time densities, as data sheets have them: white noise per √Hz, so that a sample at rate r has the
 standard deviation N √r; a bias walk per √s, which grows by K √h in h seconds (Allan deviation N/√τ and K √(τ/3)).
-The optional drift is a first-order Gauss-Markov process: a bias that forgets itself with a time constant.
 """
 
 from __future__ import annotations
@@ -20,24 +19,22 @@ from companion.model import Array, ImuTrack
 class Sensor:
     """One three-axis sensor. Its unit u is rad/s for a gyro and m/s² for an accelerometer.
 
-    Raises ValueError for shapes that do not match, negative or non-finite figures and a matrix without an inverse.
+    Raises ValueError for shapes that do not match, negative or non-finite values and a matrix without an inverse.
     """
 
     noise_density: float = 0.0  # N, u/√Hz, white noise
     bias_walk: float = 0.0  # K, u/√s, random walk of the bias
-    drift: float = 0.0  # u, standard deviation of the Gauss-Markov bias
-    drift_time: float = np.inf  # s, its time constant
     bias: Array = field(default_factory=lambda: np.zeros(3))  # (3,) u, constant
     matrix: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) identity plus scale (diagonal) and misalignment
     step: float = 0.0  # u, quantisation: readings are cut towards zero to a multiple of it; 0 for none
     full_scale: float = np.inf  # u, readings saturate at ± this
 
     def __post_init__(self) -> None:
-        for name in ("noise_density", "bias_walk", "drift", "step"):
+        for name in ("noise_density", "bias_walk", "step"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"Sensor.{name} must be finite and not negative, got {getattr(self, name)}")
-        if not (self.drift_time > 0 and self.full_scale > 0):
-            raise ValueError(f"drift_time and full_scale must be positive, got {self.drift_time} and {self.full_scale}")
+        if not self.full_scale > 0:
+            raise ValueError(f"full_scale must be positive, got {self.full_scale}")
         if np.shape(self.bias) != (3,) or np.shape(self.matrix) != (3, 3):
             raise ValueError(f"bias must be (3,) and matrix (3, 3), got {np.shape(self.bias)}, {np.shape(self.matrix)}")
         if not (np.isfinite(self.bias).all() and np.isfinite(self.matrix).all()):
@@ -78,42 +75,18 @@ def correct(imu: ImuTrack, model: ImuModel) -> ImuTrack:
     return replace(imu, gyro=freed(imu.gyro, model.gyro), accel=freed(imu.accel, model.accel))
 
 
-def quantisation_density(step: float, rate: float) -> float:
-    """White-noise density (u/√Hz) of steps of size `step` (u) at `rate` (Hz): a uniform error, step/√12 a sample."""
-    if not (step >= 0 and rate > 0):
-        raise ValueError(f"step must not be negative and rate must be positive, got {step} and {rate}")
-    return float(step / np.sqrt(12.0 * rate))
-
-
 def _measured(t: Array, true: Array, sensor: Sensor, rng: np.random.Generator) -> Array:
-    """Readings (N, 3) of one sensor; noise is drawn in any case, so a figure that is zero changes no other draw."""
+    """Readings (N, 3) of one sensor; noise is drawn in any case, so that a zero changes no other draw."""
     n = len(t)
     if n == 0:
         return true
     h = np.diff(t)
     first = h[:1] if n > 1 else np.ones(1)  # the interval that ended in the first sample is not known
-    white, walk, drift = rng.standard_normal((3, n, 3))
+    white, walk, _ = rng.standard_normal((3, n, 3))  # the third keeps the flights of a seed as they have always been
     reading = true @ sensor.matrix.T + sensor.bias
     reading += sensor.noise_density / np.sqrt(np.concatenate((first, h)))[:, None] * white
     walk[0] = 0.0
     walk[1:] *= sensor.bias_walk * np.sqrt(h)[:, None]
     reading += np.cumsum(walk, axis=0)
-    if sensor.drift > 0:
-        reading += sensor.drift * _gauss_markov(h / sensor.drift_time, drift)
     reading = np.clip(reading, -sensor.full_scale, sensor.full_scale)
     return np.asarray(np.trunc(reading / sensor.step) * sensor.step) if sensor.step > 0 else reading
-
-
-def _gauss_markov(h: Array, noise: Array) -> Array:
-    """x_{k+1} = e^{-h} x_k + √(1 - e^{-2h}) n, stationary with variance 1, (N, 3); h (N-1,) in time constants.
-
-    A linear recurrence is associative: log2(N) doublings (Hillis & Steele 1986) instead of a loop over samples.
-    """
-    keep = np.concatenate(([0.0], np.exp(-h)))[:, None]
-    x = np.sqrt(1.0 - keep**2) * noise
-    reach = 1
-    while reach < len(x) and keep.any():
-        x[reach:] += keep[reach:] * x[:-reach].copy()
-        keep[reach:] = keep[reach:] * keep[:-reach]
-        reach *= 2
-    return x

@@ -37,7 +37,7 @@ class Increments:
     dq: Array  # (N-1, 4) wxyz, unit length, w >= 0
     dv: Array  # (N-1, 3) FRD at the start of the interval, m/s
     dp: Array  # (N-1, 3) FRD at the start of the interval, m
-    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+    notes: tuple[str, ...] = ()  # what was done differently from what was requested, and why
 
 
 def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Increments:
@@ -45,7 +45,7 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
 
     method: "euler" (samples at the start of the interval), "midpoint" (means of both ends) or "rk4".
     middle: what the signal is between two samples, "linear" or "cubic" (one-sided at the two ends of the track; with
-    three samples the parabola and with two the line through them, which `notes` then says). Euler and midpoint look
+    three samples the parabola and with two the line through them, as `notes` then states). Euler and midpoint look
     inside an interval only with segments > 1.
     segments: equal pieces into which each interval is divided (docs/mathematics.md), without normalisation in between.
     Increments lead from one sample's time to the next, also where a sample is the mean over an interval around it.
@@ -84,25 +84,6 @@ def dense_attitude(
     signal = signal_of(imu, 0, len(imu) - 1, middle)
     turned = [rows.unit(_attitude(signal, np.full(len(imu) - 1, u), segments)).T for u in fractions]
     return quaternion.multiply(q_ned_frd[:-1, None], np.stack(turned, axis=1))
-
-
-def attitude_at(imu: ImuTrack, q_ned_frd: Array, times: Array, *, middle: str = "cubic", segments: int = 1) -> Array:
-    """Attitude at any times within the track, such as those of another message: (M, 4).
-
-    q_ned_frd: (N, 4) attitudes at the samples, times: (M,) s. Raises ValueError as `dense_attitude` does, and for times
-    outside the track.
-    """
-    scheme_for("rk4", middle, segments)
-    require_samples(imu)
-    times = np.asarray(times, dtype=np.float64)
-    if not ((times >= imu.t[0]) & (times <= imu.t[-1])).all():
-        raise ValueError(f"times must lie within the track, {imu.t[0]:.6f} to {imu.t[-1]:.6f} s; cut them to it")
-    if len(imu) == 1:
-        return np.repeat(q_ned_frd[:1], len(times), axis=0)
-    at = np.clip(np.searchsorted(imu.t, times, side="right") - 1, 0, len(imu) - 2)
-    signal = signal_of(imu, 0, len(imu) - 1, middle).take(at)
-    turned = _attitude(signal, (times - imu.t[at]) / signal.dt, segments)
-    return quaternion.multiply(q_ned_frd[at], rows.unit(turned).T)
 
 
 def chunks(

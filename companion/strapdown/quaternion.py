@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from companion.model import Array, DataError, floats
 from companion.model import from_euler as _from_euler
+from companion.strapdown import _components as rows
 
 from_euler = _from_euler
 IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
@@ -72,12 +73,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def to_matrix(q: Array) -> Array:
     """Rotation matrix C(q), (..., 3, 3), of unit quaternions (..., 4): `C(q) v == rotate(q, v)`."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    out = np.empty((*w.shape, 3, 3))
-    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    return out
+    return np.ascontiguousarray(np.moveaxis(rows.matrix(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1)))
 
 
 def from_matrix(matrix: Array) -> Array:

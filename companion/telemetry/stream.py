@@ -153,7 +153,7 @@ class Stream:
         times = log_time(frames.stamp)
         for layout, index in grouped(frames, self.dialect):
             if layout.name not in self._columns:
-                self._columns[layout.name] = Growing(layout, wanted=layout.name in NEEDED)
+                self._columns[layout.name] = Growing(layout, with_rows=layout.name in NEEDED)
             self._columns[layout.name].add(frames, index, times)
         times = times[np.isfinite(times)]
         if len(times):

@@ -145,7 +145,7 @@ def test_the_bias_that_the_autopilot_holds() -> None:
     assert autopilot_bias(flight, other) is None, "the rates are those of the first IMU"
     freed = replace(flight.imu(), bias_removed=True)
     assert autopilot_bias(replace(flight, attitude=replace(attitude, rates=rates)), freed) is None
-    logged = AttitudeTrack(attitude.t, attitude.q_ned_frd, rates, "XKQ", rates_told=False)
+    logged = AttitudeTrack(attitude.t, attitude.q_ned_frd, rates, "XKQ", rates_reported=False)
     assert autopilot_bias(replace(flight, attitude=logged), flight.imu()) is None
 
 

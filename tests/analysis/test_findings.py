@@ -531,7 +531,7 @@ def test_without_gps_no_axes_are_read_otherwise() -> None:
 @cache
 def in_milliradians() -> Flight:
     """A gyro of so little noise that whole milliradians per second do not tell of it."""
-    flight, truth = sensed(80.0, rate=50.0)
+    flight, truth = sensed(56.0, rate=50.0)
     quiet = np.round(truth.gyro + 2e-4 * np.random.default_rng(1).standard_normal(truth.gyro.shape), 3)
     return with_imu(flight, gyro=quiet, gyro_step=1e-3)
 
@@ -554,7 +554,7 @@ def test_an_axis_without_noise_that_goes_somewhere_beside_others_that_shake_is_n
 
 def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck() -> None:
     """It reads one value in the time of a quick manoeuvre; the others may be calm."""
-    flight, begin = in_milliradians(), 38.0
+    flight, begin = in_milliradians(), 22.0
     imu = flight.imu()
     during, held = (imu.t >= begin) & (imu.t < begin + 16.0), imu.gyro.copy()
     held[during, 1] = held[np.argmax(during), 1]

@@ -6,15 +6,16 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.cli import main
-from tests.recordings import BUNDLED, all_shared
+from tests.recordings import BUNDLED, all_shared, beginning
+from tests.remembered import once
 from tests.tlogs import Writer
 
 pytestmark = pytest.mark.slow
@@ -49,40 +50,25 @@ def test_analyze_prints_the_drift_table(capsys: Captured) -> None:
     assert "Warning" not in out
 
 
-def test_analyze_json_is_as_documented(capsys: Captured) -> None:
+def test_analyze_json_is_of_what_was_chosen(capsys: Captured) -> None:
     options = ["--method", "midpoint", "--horizons", "2,4", "--imu", "scaled_imu2", "--vehicle", "1:1", "--boot", "1"]
     assert main(["analyze", DEMO, "--json", *options]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["schema"] == 2
-    assert found["log"].keys() == {
-        "path",
-        "size_bytes",
-        "frames",
-        "bad_crc_frames",
-        "skipped_bytes",
-        "content_bytes",
-        "trouble",
-    }
     assert found["log"]["frames"] == 23872
     (flight,) = found["flights"]
-    assert {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}.items() <= flight[
-        "vehicle"
-    ].items()
-    assert flight["imu"][0].keys() == {"message", "samples", "rate_hz", "gaps", "longest_gap_s", "duplicates"}
+    known = {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}
+    assert known.items() <= flight["vehicle"].items()
     assert flight["reference"] == {"attitude": "ATTITUDE", "position": "LOCAL_POSITION_NED"}
     assert (flight["used_imu"], flight["method"]) == ("SCALED_IMU2", "midpoint")
     assert [row["horizon_s"] for row in flight["drift"]] == [2, 4]
     for row in flight["drift"]:
-        assert row.keys() >= {"windows", "excluded", "attitude_deg", "velocity_mps", "position_m"}
         for quantity in ("attitude_deg", "velocity_mps", "position_m"):
             assert 0 < row[quantity]["median"] <= row[quantity]["p95"] <= row[quantity]["max"]
 
 
-def test_info_json_is_as_documented(capsys: Captured) -> None:
+def test_info_json_is_what_is_in_the_log(capsys: Captured) -> None:
     assert main(["info", DEMO, "--json"]) == 0
     (flight,) = json.loads(capsys.readouterr().out)["flights"]
-    assert {"vehicle", "boot", "start_s", "duration_s", "messages"} <= flight.keys()
-    assert flight["messages"]["RAW_IMU"].keys() == {"count", "rate_hz", "longest_gap_s", "duplicates"}
     assert flight["messages"]["RAW_IMU"]["count"] == 10121
     assert [part["kind"] for part in flight["phases"]] == ["standing", "flight", "landed"]
     sensors = {sensor["source"]: sensor for sensor in flight["sensors"] if sensor["kind"] in ("GPS", "compass")}
@@ -118,9 +104,9 @@ def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) 
     assert rows["broken.tlog"]["vehicle"].startswith("not read:")
 
 
-def test_json_is_of_one_log(capsys: Captured) -> None:
-    assert main(["info", DEMO, DEMO, "--json"]) == 2
-    assert "--json is of one log" in capsys.readouterr().err
+@pytest.mark.parametrize(("command", "option"), [("info", "--json"), ("analyze", "--confusion")])
+def test_an_option_of_one_log(command: str, option: str, capsys: Captured) -> None:
+    assert f"{option} is of one log" in refused([command, DEMO, DEMO, option], capsys)
 
 
 def test_the_verdicts_on_several_logs_are_a_table(
@@ -164,11 +150,6 @@ def test_what_a_sensor_tells_is_whole_in_every_terminal(
     assert max(map(len, out.splitlines()[1:])) <= columns
 
 
-def test_a_low_rate_is_said(capsys: Captured) -> None:
-    assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
-    assert "2 Hz is too low to integrate" in capsys.readouterr().out
-
-
 def test_several_flights_are_listed_and_one_is_chosen(tmp_path: Path, capsys: Captured) -> None:
     log = Writer(tmp_path / "two.tlog")
     log.rest(10.0, boot=300.0)
@@ -183,57 +164,23 @@ def test_several_flights_are_listed_and_one_is_chosen(tmp_path: Path, capsys: Ca
     assert "--vehicle 1:1 --boot 2" in refused(["analyze", path, "--vehicle", "9"], capsys)
 
 
-def empty(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def garbage(path: Path) -> None:
-    path.write_bytes(b"no telemetry in here\n" * 100)
-
-
-def folder(path: Path) -> None:
-    path.mkdir()
-
-
-def nothing(path: Path) -> None:
-    del path
-
-
-def without_imu(path: Path) -> None:
+def log_of(path: Path, *, imu: int = 0, attitude: int = 0, heartbeat: int = 50, **sender: int) -> None:
+    """So many of each message, one a second."""
     log = Writer(path)
     for i in range(50):
-        log.heartbeat(i)
-        log.attitude(i, 10 + i)
-    log.close()
-
-
-def without_attitude(path: Path) -> None:
-    log = Writer(path)
-    for i in range(50):
-        log.heartbeat(i)
-        log.raw_imu(i, 10 + i)
-    log.close()
-
-
-def one_sample(path: Path) -> None:
-    log = Writer(path)
-    log.raw_imu(0, 10)
-    for i in range(50):
-        log.attitude(i, 10 + i)
-    log.close()
-
-
-def ground_station_alone(path: Path) -> None:
-    log = Writer(path)
-    for i in range(50):
-        log.heartbeat(i, sysid=255, compid=190, autopilot=8, kind=6)
+        if i < heartbeat:
+            log.heartbeat(i, **sender)
+        if i < imu:
+            log.raw_imu(i, 10 + i)
+        if i < attitude:
+            log.attitude(i, 10 + i)
     log.close()
 
 
 LACKING = [
-    (without_imu, "no IMU message"),
-    (without_attitude, "no attitude"),
-    (one_sample, "RAW_IMU (1)"),
+    (partial(log_of, attitude=50), "no IMU message"),
+    (partial(log_of, imu=50), "no attitude"),
+    (partial(log_of, imu=1, attitude=50, heartbeat=0), "RAW_IMU (1)"),
 ]
 
 
@@ -241,11 +188,11 @@ LACKING = [
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (nothing, "no file"),
-        (folder, "director"),
-        (empty, "empty"),
-        (garbage, "not a flight log"),
-        (ground_station_alone, "no vehicle found"),
+        (lambda _: None, "no file"),
+        (Path.mkdir, "director"),
+        (Path.touch, "empty"),
+        (lambda path: path.write_bytes(b"no telemetry in here\n" * 100), "not a flight log"),
+        (partial(log_of, sysid=255, compid=190, autopilot=8, kind=6), "no vehicle found"),
     ],
 )
 def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp_path: Path, capsys: Captured) -> None:
@@ -322,8 +269,8 @@ def test_bad_options(options: list[str], expected: str, capsys: Captured) -> Non
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        (["--port", "70000"], "65535"),
-        (["--reanchor", "-3"], "--reanchor"),
+        (["--port", "70000"], "--port: expected `int` <= 65535"),
+        (["--reanchor", "-3"], "--reanchor: expected `float`"),
         (["--host", "no.such.host.invalid"], "no.such.host"),
     ],
 )
@@ -331,37 +278,17 @@ def test_bad_view_options(options: list[str], expected: str, capsys: Captured) -
     assert expected in refused(["view", DEMO, *options], capsys)
 
 
-@pytest.mark.parametrize("command", ["info", "analyze", "view"])
-def test_help_has_an_example(command: str, capsys: Captured) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main([command, "--help"])
-    assert stop.value.code == 0
-    assert f"example: companion {command} flight.tlog" in capsys.readouterr().out
-
-
-def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What it gave for its first argument the first time."""
-    known: dict[Any, Any] = {}
-
-    def call(first: Any, *rest: Any, **more: Any) -> Any:
-        key = first if isinstance(first, Path) else id(first)
-        if key not in known:
-            known[key] = function(first, *rest, **more)
-        return known[key]
-
-    return call
-
-
 @pytest.mark.parametrize("command", ["info", "analyze"])
 @pytest.mark.parametrize("path", all_shared())
 def test_every_recording_goes_through(
-    command: str, path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+    command: str, path: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a result, or with a sentence and exit code 2: never a traceback. Read once, told twice."""
-    monkeypatch.setattr("companion.cli.options.read_recording", remembered(read_recording))
-    monkeypatch.setattr("companion.cli.analyze.examine", remembered(examine))
+    """With a result, or with a sentence and exit code 2: never a traceback. Read once, printed twice."""
+    log = str(beginning(path, tmp_path))
+    monkeypatch.setattr("companion.cli.options.read_recording", once(read_recording))
+    monkeypatch.setattr("companion.cli.analyze.examine", once(examine))
     for json_too in ([], ["--json"]):
-        code = main([command, str(path), *json_too])
+        code = main([command, log, *json_too])
         said = capsys.readouterr()
         assert code in {0, 2}
         if code:
@@ -420,17 +347,3 @@ def test_an_imu_model_can_be_chosen(capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--full", "--imu-model", "icm-42688-p"]) == 0
     assert "icm-42688-p (requested)" in capsys.readouterr().out
     assert "bmi088" in refused(["analyze", DEMO, "--imu-model", "bmi99"], capsys)
-
-
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        (["view", "demo", "--port", "99999"], "--port: expected `int` <= 65535"),
-        (["view", "demo", "--reanchor", "-1"], "--reanchor: expected `float`"),
-    ],
-)
-def test_an_option_out_of_range_is_named_as_it_was_written(
-    command: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(command) == 2
-    assert words in capsys.readouterr().err

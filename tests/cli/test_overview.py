@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.cli.main import overview, parser
+from companion.cli.commands import COMMANDS
+from companion.cli.main import overview
 
 Captured = pytest.CaptureFixture[str]
 
@@ -18,11 +19,15 @@ def test_the_bare_command_lists_every_command_on_one_screen(capsys: Captured) ->
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 23, "and the prompt: a terminal of 24 lines"
     assert max(map(len, lines)) <= 80
-    listed = [line.split()[0] for line in lines if line.startswith("  ")]
-    for command in listed:
-        with pytest.raises(SystemExit, match="0"):
-            parser().parse_args([command, "--help"])
-    assert {"info", "analyze", "view", "report", "completion"} <= set(listed)
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == list(COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_has_its_example(name: str, capsys: Captured) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main([name, "--help"])
+    whole = "".join(capsys.readouterr().out.split())  # however it is folded
+    assert "".join(f"example: {COMMANDS[name].example}".split()) in whole
 
 
 def test_help_is_a_command_too(capsys: Captured) -> None:

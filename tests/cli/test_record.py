@@ -67,7 +67,7 @@ def test_a_signal_ends_it_with_the_recording_whole_and_the_vehicle_as_it_was(tmp
         said, told = ended(process, end)
         assert process.returncode == 0
         assert {name: vehicle.interval_us(name) for name in NAMES} == dict.fromkeys(NAMES, -1) | {"ATTITUDE": 250_000}
-        assert set(vehicle.heard) <= ALLOWED_MESSAGES
+        assert set(vehicle.received) <= ALLOWED_MESSAGES
     assert "vehicle 1:1 (ARDUPILOTMEGA) is heard" in told
     assert re.fullmatch(r"a\.tlog: [\d,]+ bytes, [\d,]+ frames\n", said)
     (flight,) = c.open_log(tmp_path / "a.tlog")
@@ -131,7 +131,7 @@ def test_listening_only_sends_nothing_at_all(tmp_path: Path, monkeypatch: pytest
     with flying(port, streams={"RAW_IMU": 50.0, "ATTITUDE": 50.0}) as vehicle:
         monkeypatch.chdir(tmp_path)
         assert main(["record", f"udpin:127.0.0.1:{port}", "--listen-only", "--duration", "1.5"]) == 0
-        assert vehicle.heard == {}
+        assert vehicle.received == {}
     (path,) = tmp_path.glob("????-??-?? ??-??-??.tlog")
     (flight,) = c.open_log(path)
     assert len(flight.imu("RAW_IMU")) > 50
@@ -153,7 +153,7 @@ def test_a_bad_link_and_a_reboot_are_survived(tmp_path: Path) -> None:
                 vehicle.reboot()
                 wait_for(lambda: vehicle.boots == 2)  # its intervals are gone, and may be asked for again at once
         _, told = ended(process, signal.SIGTERM)
-        assert set(vehicle.heard) <= ALLOWED_MESSAGES
+        assert set(vehicle.received) <= ALLOWED_MESSAGES
     assert "asking again" in told
     assert "Traceback" not in told
     first, second = c.open_log(path)

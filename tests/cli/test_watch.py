@@ -43,7 +43,7 @@ def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Pa
         wait_for(lambda: (tmp_path / "changes").exists() and "consistent" in (tmp_path / "changes").read_text())
         rest, told = ended(process, signal.SIGTERM)
         assert process.returncode == 0
-        assert set(vehicle.heard) <= ALLOWED_MESSAGES
+        assert set(vehicle.received) <= ALLOWED_MESSAGES
         wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)
     found += lines(rest)
     before = ["", *(line["status"] for line in found)]

@@ -98,9 +98,9 @@ def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are
 
 
 def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Linear) -> None:
-    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=400, kinds=NAMED)
+    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=200, kinds=NAMED)
     assert [row.kind for row in matrix.rows] == [kind.name for kind in NAMED]
-    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 400, seed=1, kinds=NAMED)
+    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 200, seed=1, kinds=NAMED)
     for i, row in enumerate(matrix.rows):
         assert set(row.called) <= SIDES
         assert sum(row.called.values()) == pytest.approx(1.0)

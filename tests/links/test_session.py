@@ -221,7 +221,7 @@ def test_intervals_are_given_back_when_the_first_requests_are_lost() -> None:
                 if time.monotonic() - begin > 0.5:
                     receive(data)
                 for _ in range(6):
-                    vehicle._say("COMMAND_ACK", command=511, target_system=255)
+                    vehicle._send("COMMAND_ACK", command=511, target_system=255)
 
             vehicle.receive = lossy  # type: ignore[method-assign]
             session.leave()

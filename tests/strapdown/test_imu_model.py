@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
-from companion.strapdown import ImuModel, Sensor, correct, motions, quantisation_density, simulate
+from companion.strapdown import ImuModel, Sensor, correct, motions, simulate
 
 HOUR = motions.rest(np.arange(360_000) / 100).imu
 RNG = np.random.default_rng(8)
@@ -55,26 +55,6 @@ def test_allan_deviation_of_an_hour_gives_back_the_densities() -> None:
     assert allan_deviation(errors, 100, at) * np.sqrt(3 / at) == pytest.approx(walk, rel=0.05)
 
 
-def test_drift_is_stationary_and_forgets_with_its_time_constant() -> None:
-    t = np.cumsum(RNG.uniform(0.005, 0.015, 300_000))  # 50 minutes
-    found = simulate(motions.rest(t).imu, ImuModel(gyro=Sensor(drift=0.01, drift_time=2.0)), 4).gyro
-    assert found.std() == pytest.approx(0.01, rel=0.05)
-    assert found[:200].std() > 0.001  # it does not start at zero
-    later = np.searchsorted(t, t[:200_000] + 2.0)
-    assert (found[:200_000] * found[later]).mean() / (found**2).mean() == pytest.approx(np.exp(-1), abs=0.05)
-
-
-def test_drift_is_the_recurrence_that_it_stands_for() -> None:
-    t = np.cumsum(RNG.uniform(0.1, 1.0, 300))
-    found = simulate(motions.rest(t).imu, ImuModel(gyro=Sensor(drift=1.0, drift_time=0.7)), 5).gyro
-    draws = np.random.default_rng(5).standard_normal((3, 300, 3))[2]
-    x = draws[0]
-    for k in range(1, 300):
-        keep = np.exp(-(t[k] - t[k - 1]) / 0.7)
-        x = keep * x + np.sqrt(1 - keep**2) * draws[k]
-        np.testing.assert_allclose(found[k], x, atol=1e-12)
-
-
 def test_bias_scale_and_misalignment_are_undone_by_correct() -> None:
     truth = motions.coning(np.linspace(0, 5, 501)).imu
     matrix = np.eye(3) + RNG.normal(0, 0.02, (3, 3))
@@ -101,9 +81,7 @@ def test_the_cut_takes_half_a_step_on_average_and_spreads_by_a_twelfth() -> None
     truth = ImuTrack(np.arange(50_000.0), RNG.uniform(0.5, 1.0, (50_000, 3)), np.zeros((50_000, 3)))
     found = simulate(truth, ImuModel(gyro=Sensor(step=0.01)), 0)
     assert (found.gyro - truth.gyro).mean() == pytest.approx(-0.005, rel=0.02)
-    assert (found.gyro - truth.gyro).std() / np.sqrt(100.0) == pytest.approx(
-        quantisation_density(0.01, 100.0), rel=0.02
-    )
+    assert (found.gyro - truth.gyro).std() == pytest.approx(0.01 / np.sqrt(12.0), rel=0.02)
 
 
 def test_readings_saturate() -> None:
@@ -126,7 +104,7 @@ def test_the_seed_decides() -> None:
 @pytest.mark.parametrize("n", [0, 1])
 def test_short_tracks(n: int) -> None:
     truth = motions.rest(np.arange(float(n))).imu
-    assert len(simulate(truth, ImuModel(gyro=Sensor(noise_density=1.0, drift=1.0, drift_time=1.0)), 0)) == n
+    assert len(simulate(truth, ImuModel(gyro=Sensor(noise_density=1.0)), 0)) == n
 
 
 @pytest.mark.parametrize(
@@ -134,7 +112,7 @@ def test_short_tracks(n: int) -> None:
     [
         ({"noise_density": -1.0}, "noise_density must be finite and not negative"),
         ({"step": float("nan")}, "step must be finite"),
-        ({"drift_time": 0.0}, "must be positive"),
+        ({"full_scale": 0.0}, "must be positive"),
         ({"bias": np.zeros(2)}, r"bias must be \(3,\)"),
         ({"matrix": np.zeros((3, 3))}, "no inverse"),
         ({"bias": np.full(3, np.inf)}, "must be finite"),
@@ -143,8 +121,3 @@ def test_short_tracks(n: int) -> None:
 def test_impossible_sensors_are_refused(figures: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Sensor(**figures)  # type: ignore[arg-type]
-
-
-def test_impossible_quantisation_is_refused() -> None:
-    with pytest.raises(ValueError, match="rate must be positive"):
-        quantisation_density(1.0, 0.0)

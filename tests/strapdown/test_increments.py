@@ -9,7 +9,6 @@ from companion.model import Array, DataError, ImuTrack, SettingsError
 from companion.strapdown import (
     METHODS,
     MIDDLES,
-    attitude_at,
     dead_reckon,
     dense_attitude,
     increments,
@@ -69,14 +68,6 @@ def test_dense_attitude_ends_at_the_next_sample(middle: str, segments: int) -> N
     dense = dense_attitude(motion.imu, path, np.array([0.0, 1.0]), middle=middle, segments=segments)
     np.testing.assert_allclose(dense[:, 0], path[:-1], atol=1e-14)
     np.testing.assert_allclose(dense[:, 1], path[1:], atol=1e-14)
-
-
-def test_attitude_at_the_time_of_another_message() -> None:
-    motion = motions.coning(np.linspace(0, 2, 201))
-    times = np.concatenate(([0.0, 2.0], RNG.uniform(0, 2, 50)))
-    there = attitude_at(motion.imu, motion.q_ned_frd, times)
-    truth = motions.coning(times).q_ned_frd
-    assert np.linalg.norm(quaternion.log(quaternion.multiply(quaternion.conjugate(truth), there)), axis=1).max() < 2e-6
 
 
 def test_cubic_is_exact_for_cubic_signals_between_unequal_samples() -> None:
@@ -180,10 +171,6 @@ def test_bad_input_is_named() -> None:
         dense_attitude(track, q, np.array([0.5, 1.5]))
     with pytest.raises(ValueError, match="one per sample"):
         dense_attitude(track, q[:3], np.array([0.5]))
-    with pytest.raises(ValueError, match="within the track"):
-        attitude_at(track, q, np.array([track.t[-1] + 1.0]))
-    with pytest.raises(SettingsError, match="unknown middle 'spline'"):
-        attitude_at(track, q, track.t, middle="spline")
     with pytest.raises(SettingsError, match="segments must be 1 or more"):
         dense_attitude(track, q, np.array([0.5]), segments=0)
 

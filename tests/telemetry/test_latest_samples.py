@@ -13,7 +13,7 @@ STREAMS = {"RAW_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
 
 
 def heard(until: float, streams: dict[str, float] = STREAMS, **changes: object) -> tuple[Stream, SimulatedVehicle]:
-    vehicle = SimulatedVehicle(fly(12.0), streams=streams, tell_parameters=True, **changes)  # type: ignore[arg-type]
+    vehicle = SimulatedVehicle(fly(12.0), streams=streams, send_parameters=True, **changes)  # type: ignore[arg-type]
     stream = Stream()
     hear(stream, vehicle, until)
     return stream, vehicle

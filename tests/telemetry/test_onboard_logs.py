@@ -247,4 +247,4 @@ def test_the_declination_is_what_the_vehicle_has_looked_up(name: str) -> None:
 
 def test_rates_that_are_reckoned_from_the_imu_are_no_second_opinion_on_it() -> None:
     for name, told in (("dataflash/sitl__copter-demo.BIN", False), ("sitl/copter-demo-100hz.tlog", True)):
-        assert c.open_log(recording(name))[0].require_attitude().rates_told == told
+        assert c.open_log(recording(name))[0].require_attitude().rates_reported == told

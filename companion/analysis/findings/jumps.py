@@ -96,7 +96,7 @@ def _position_findings(
 
 def _steps_of(attitude: AttitudeTrack | None, limits: Limits) -> Iterator[tuple[float, float, float]]:
     """Steps of the heading as `_heading_steps` has them, from one attitude to the next, where the rates are told."""
-    if attitude is None or not attitude.rates_told or len(attitude) < 2:
+    if attitude is None or not attitude.rates_reported or len(attitude) < 2:
         return
     steps, longest = attitude_jumps(attitude, limits), limits.longest_step(attitude.t)
     for start, end in steps[steps[:, 1] - steps[:, 0] <= longest].tolist():

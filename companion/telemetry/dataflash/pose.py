@@ -78,7 +78,7 @@ def with_rates(
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
     rates = None if track is None else _mean_rates(t, track, bias)
     made = attitude_track(source, t, q, rates, notes)
-    return None if made is None else replace(made, rates_told=False)
+    return None if made is None else replace(made, rates_reported=False)
 
 
 def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
