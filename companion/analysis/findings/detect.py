@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.attribution import findings_of
-from companion.analysis.autopilot_error import known_biases
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
-from companion.analysis.deviations import estimator_deviations
-from companion.analysis.fault_interval import fault_intervals
-from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings.aiding import misled_by_frozen, screened_aiding
+from companion.analysis.finding import Finding
+from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
+from companion.analysis.findings.by_estimate import findings_by_estimate, leans_in_vain
+from companion.analysis.findings.consequences import told_once, with_reports
 from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
@@ -25,18 +23,15 @@ from companion.analysis.findings.outages import outage_findings, receiver_findin
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
-from companion.analysis.findings.settings import setting_findings
 from companion.analysis.findings.stuck import stuck_findings
-from companion.analysis.findings.turned import misled_by_turned
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
-from companion.analysis.lasting_errors import ALL_THE_TIME
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
 from companion.analysis.reference import Limits
-from companion.constants import check, harm, num
-from companion.estimation import BestEstimate, kind_of
-from companion.model import Flight, ImuTrack, Series
+from companion.constants import check, harm
+from companion.estimation import BestEstimate
+from companion.model import Flight, ImuTrack
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> list[Finding]:
@@ -113,7 +108,7 @@ def findings(
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
     if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison))
-    landed = landed_at(phases(flight))
+    landed, limits = landed_at(phases(flight)), comparison.how.limits
     jumps = [
         f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
         for f in jump_findings(comparison, flight)
@@ -130,7 +125,12 @@ def findings(
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
-    if fitted is not None and best is not None and _turned_in_vain(flight, comparison, fitted, best):
+    if (
+        fitted is not None
+        and best is not None
+        and fitted.mounting.any()
+        and leans_in_vain(flight, best, comparison.how.limits, _tilted(fitted))
+    ):
         fitted = replace(fitted, mounting=np.zeros(3))
     all_findings += stamp_findings(flight, comparison, lags(comparison))
     clean, tilted = comparison.track, (0.0, 0.0)
@@ -139,84 +139,12 @@ def findings(
         clean = level(comparison.track, fitted)
         tilted = _tilted(fitted)
     if best is not None:
-        limits = comparison.how.limits
-        while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
-        deviations = estimator_deviations(flight, best, limits, tilted)
-        deviations = tuple(one for one in deviations if not _is_led_to(one.start, one.end, faults))
-        all_findings += findings_of(while_judged, deviations, best, jumps, flight.imu_in_use)
-        all_findings += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
-        # the best estimate has judged where the autopilot went: a jump is one of the signs of it
-        jumps = [_confirmed(f, all_findings, best) for f in jumps]
+        more, jumps = findings_by_estimate(flight, best, limits, (all_findings, faults, jumps), landed, tilted)
+        all_findings += more
     all_findings += jumps
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
-    return _told_once(flight, all_findings, [*_of_other_imus(flight, comparison, faults), *turned], turned), clean
-
-
-def _told_once(
-    flight: Flight, all_findings: Sequence[Finding], others: Sequence[Finding], turned: Sequence[Finding]
-) -> tuple[Finding, ...]:
-    """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""
-    unread_imus = {f.cause.imu for f in turned if f.cause is not None}
-    own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
-    constant = {f.kind for f in own if f.severity == "error" and f.cause is not None and f.cause.onset_sigma_s is None}
-    own = [f for f in own if not (f.kind in constant and f.side == "data" and ALL_THE_TIME in f.evidence)]
-    own = [with_reports(f, flight) for f in own if not _follows(f, own)]
-    return by_severity([*misled_by_turned(misled_by_frozen(own)), *others])
-
-
-def _tilted(fitted: Installation) -> tuple[float, float]:
-    """Roll and pitch of the IMU, rad."""
-    return float(fitted.mounting[0]), float(fitted.mounting[1])
-
-
-def _turned_in_vain(flight: Flight, comparison: Comparison, fitted: Installation, best: BestEstimate) -> bool:
-    """Whether the autopilot leans as the best estimate does, and as that of an IMU that is turned so it does not.
-
-    Its windows alone may take a gyro that begins to be off on a circle for an IMU that sits askew.
-    """
-
-    def leans(tilted: tuple[float, float]) -> bool:
-        return any(one.quantity == "tilt" for one in estimator_deviations(flight, best, comparison.how.limits, tilted))
-
-    return bool(fitted.mounting.any()) and leans(_tilted(fitted)) and not leans((0.0, 0.0))
-
-
-def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> Finding:
-    """A jump, as serious as the best estimate takes the autopilot to be at that time.
-
-    Without GPS it knows nothing of positions: then a large jump says that the autopilot was wrong before it or is wrong
-    after it, and an estimator that corrects itself accuses nobody.
-    """
-    off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
-    if jump.severity != "error" or any(f.start_s - check.NEAR_S <= jump.start_s <= f.end_s + check.NEAR_S for f in off):
-        return jump
-    size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
-    if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:
-        words = (
-            f"{jump.evidence}; without GPS it cannot be told whether the position was wrong before it or is after it"
-        )
-        return replace(jump, side="data", severity="warning", evidence=words, cause=None, undecided=True)
-    return replace(jump, severity="info")
-
-
-def _follows(finding: Finding, others: Sequence[Finding]) -> bool:
-    """Whether a finding is only what another fault looks like from elsewhere.
-
-    A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
-    """
-    told_itself = finding.kind in _CAUSES or finding.side == "data"
-    return not told_itself and _is_led_to(finding.start_s, finding.end_s, others)
-
-
-def _is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
-    """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
-    return any(
-        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in others
-    )
-
-
-_CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
+    return told_once(flight, all_findings, [*_of_other_imus(flight, comparison, faults), *turned], turned), clean
 
 
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
@@ -271,57 +199,6 @@ def _not_independent(comparison: Comparison) -> Finding:
     )
 
 
-_WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
-_RATIOS = {
-    "velocity_ratio": "velocity",
-    "position_ratio": "position",
-    "height_ratio": "height",
-    "compass_ratio": "compass",
-}
-
-
-def with_reports(finding: Finding, flight: Flight) -> Finding:
-    """The finding with what the vehicle said at that time, and how its estimator saw itself.
-
-    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised, once
-    it has taken off, whenever that began.
-    """
-    of_compass = finding.kind.startswith("compass")
-    if finding.side != "autopilot" and not of_compass:
-        return finding
-    begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
-    said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
-    said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
-    during = [
-        (t, text)
-        for t, text in said
-        if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
-    ]
-    nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
-    words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
-    evidence = [finding.evidence]
-    if words:
-        evidence.append(f"the vehicle said {', '.join(list(words)[: check.MAX_QUOTED])}")
-    estimator = flight.series.get("estimator")
-    reach = check.BEFORE_S
-    if estimator is not None and (ratio := _worst_ratio(estimator, begin - reach, end + reach)):
-        evidence.append(ratio)
-    return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
-
-
-def _speaks(text: str) -> bool:
-    return any(word in text.lower() for word in _WORDS)
-
-
-def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
-    """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
-    during = (estimator.t >= begin) & (estimator.t <= end)
-    ratios = {
-        name: float(np.nanmax(estimator[column][during]))
-        for column, name in _RATIOS.items()
-        if column in estimator.columns and np.isfinite(estimator[column][during]).any()
-    }
-    if not ratios:
-        return ""
-    worst = max(ratios, key=lambda name: ratios[name])
-    return f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)" if ratios[worst] >= 1 else ""
+def _tilted(fitted: Installation) -> tuple[float, float]:
+    """Roll and pitch of the IMU, rad."""
+    return float(fitted.mounting[0]), float(fitted.mounting[1])
