@@ -55,7 +55,8 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, extend, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.verdict import FlightVerdict, Verdict, lasting
+from companion.analysis.standing import StandingFault, carried_on, standing_verdict
+from companion.analysis.verdict import FlightVerdict, Verdict
 from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S
 
@@ -108,6 +109,7 @@ __all__ = [
     "SensorModel",
     "SensorSpec",
     "Spread",
+    "StandingFault",
     "Statistic",
     "Verdict",
     "WindowErrors",
@@ -119,6 +121,7 @@ __all__ = [
     "autopilot_error",
     "by_severity",
     "calibrate",
+    "carried_on",
     "clip_counts",
     "compare",
     "contrast",
@@ -133,7 +136,6 @@ __all__ = [
     "imu_noise",
     "inventory",
     "known_from",
-    "lasting",
     "left_out",
     "newest_stands_out",
     "noise_in_flight",
@@ -147,6 +149,7 @@ __all__ = [
     "reported_by",
     "rests",
     "rpe",
+    "standing_verdict",
     "trailing",
     "used_aiding",
     "used_imus",

@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, bias_at_the_end, percent
+from companion.analysis.fault_interval import percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.undetected import harmful_undetected
 from companion.analysis.without_windows import too_few_windows, unseen, would_show
 from companion.constants import num, priors
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate
 from companion.model import brief
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -166,48 +166,6 @@ def _all_the_same(judged: Agreement, source: str) -> str:
     What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
     """
     return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
-
-
-def lasting(
-    verdict: Verdict, suspected: Cause | None, sound: BestEstimate | None, best: BestEstimate | None
-) -> Verdict:
-    """The verdict on a later piece of a flight: a bias that was found before is no less a fault while it lasts.
-
-    Where its onset lies before the piece, a bias looks like what a calibration has left; and what the autopilot was
-    misled by looks like its own.
-    suspected: whom the last piece that could be judged speaks against. sound, best: the best estimates of the last
-    piece in which nobody was suspect, and of this one.
-    """
-    if verdict.status == "imu_suspect" or suspected is None or sound is None or best is None:
-        return verdict
-    sensor = suspected.sensor
-    if suspected.side != "imu" or sensor not in BIAS_UNITS or sound.imu.source != best.imu.source:
-        return verdict
-    kind = kind_of(f"{sensor}_bias")
-    (then, before), (now, after) = (bias_at_the_end(one, kind.name) for one in (sound, best))
-    axis = int(np.argmax(np.abs(now - then)))
-    size, sigma = float((now - then)[axis]), float(np.hypot(before, after)[axis])
-    if abs(size) < max(kind.least, num.SIGMAS * sigma):
-        return verdict
-    unit, scale, decimals = BIAS_UNITS[sensor]
-    words = (
-        f"{SENSORS[sensor]} {'xyz'[axis]} reads {size * scale:.{decimals}f} ± {sigma * scale:.{decimals}f} {unit} more "
-        f"than until {sound.t[-1]:.1f} s, when nobody was suspect"
-    )
-    begin, end = float(best.t[0]), float(best.t[-1])
-    cause = Cause(
-        kind.name,
-        "imu",
-        suspected.onset_s,
-        onset_sigma_s=suspected.onset_sigma_s,
-        sensor=sensor,
-        axis="xyz"[axis],
-        size=abs(size),
-        sigma=sigma,
-        unit=kind.unit,
-    )
-    finding = Finding(kind.name, "imu", "error", begin, end, words, "", words, cause)
-    return Verdict("imu_suspect", f"Suspect the IMU: {words}.", (finding, *verdict.findings), cause)
 
 
 def _faults_told(probability: Mapping[str, float]) -> list[tuple[str, float]]:

@@ -25,7 +25,7 @@ from typing import IO, Self
 
 import msgspec
 
-from companion.analysis import Cause, Verdict, expected_by_age, lasting
+from companion.analysis import StandingFault, Verdict, carried_on, expected_by_age, standing_verdict
 from companion.app.examination import assess_imu
 from companion.app.live import Band, Judge, Judging, LiveVerdict, Pace
 from companion.app.resources import give_back
@@ -218,20 +218,19 @@ def _verdict_on(assignment: Assignment) -> Judging:
     of: tuple[str, int, str] | None = None  # whose band it is
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
-    sound: BestEstimate | None = None  # the last in which nobody was suspect
-    suspected: Cause | None = None
+    standing: tuple[StandingFault, ...] = ()
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made, before, sound, suspected
+        nonlocal band, of, made, before, standing
         end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
         if now != of:
-            before = sound = suspected = None
+            before = None
+        if of is not None and now[:2] != of[:2]:
+            standing = ()
         assessment = assess_imu(flight, settings, imu=imu, before=before)
-        before, verdict = assessment.best, lasting(assessment.verdict, suspected, sound, assessment.best)
-        if verdict.status == "consistent":
-            sound = assessment.best
-        if verdict.status != "insufficient_data":
-            suspected = verdict.cause
+        before = assessment.best
+        standing = carried_on(standing, flight, assessment.verdict, assessment.best)
+        verdict = standing_verdict(standing, assessment.verdict)
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
             rows = expected_by_age(assessment, assignment.ages_s).tolist()

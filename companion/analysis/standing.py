@@ -1,0 +1,281 @@
+"""Faults that stand: while a flight is listened to, each is a hypothesis of its own until its end is shown.
+
+A piece of some tens of seconds that begins after an onset fits the fault as a bias of the part, a turned field or a
+moved origin, and agrees with the autopilot that was misled by it. So a fault that was accepted is kept with the
+probability p that it is still there, and what each later piece says of it is weighed by Bayes:
+
+    log p / (1 - p) = log odds that it stays + log N(d; u, σ²) - log N(d; 0, σ²)
+
+u: its size as measured while the piece still had its onset, d: the sensor's error now minus that before the onset. It
+is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
+(noise, a deviation of the estimate) is over when enough has been judged in which it would have been found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.analysis.fault_interval import (
+    BIAS_UNITS,
+    FaultInterval,
+    fault_intervals,
+    percent,
+    probability_by_imu,
+    share_at,
+)
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.findings.stuck import unchanged
+from companion.analysis.verdict import Verdict
+from companion.constants import check, healthy, num, priors
+from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of
+from companion.model import Array, Flight
+
+Reading = tuple[Array, Array]
+"""(m,) what a sensor reads too much, and 1σ of it."""
+
+_SIDES = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
+_WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
+_KINDS = {kind.name for kind in KINDS}
+_DIAGONAL = [0, 4, 8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandingFault:
+    """A fault that was accepted, and what is known of it since."""
+
+    finding: Finding  # as it was told last, with a cause
+    probability: float  # that it is still there
+    seen_s: float  # boot clock, until when it was found by itself
+    before: Reading | None = None  # of the sensor, before its onset; None where that was not measured
+    size: Array | None = None  # (m,) while it was found
+
+    @property
+    def cause(self) -> Cause:
+        """What is wrong."""
+        assert self.finding.cause is not None
+        return self.finding.cause
+
+
+def carried_on(
+    standing: Sequence[StandingFault], flight: Flight, verdict: Verdict, best: BestEstimate | None
+) -> tuple[StandingFault, ...]:
+    """The faults that stand after another piece of a flight, the first first; what is over is left out.
+
+    standing: before it. verdict, best: of the piece by itself.
+    """
+    end = flight.start + flight.duration
+    found = [_named(f, best) for f in verdict.findings if f.severity == "error" and f.side != "data" and f.cause]
+    judged = verdict.status != "insufficient_data"
+    kept: list[StandingFault] = []
+    for fault in standing:
+        again = next((f for f in found if _same(fault.finding, f)), None)
+        if again is not None:
+            found = [f for f in found if not _same(fault.finding, f)]
+            kept.append(_found(again, flight, best, end, fault))
+        else:
+            kept.append(_weighed(fault, flight, best, end, judged=judged))
+    while found:
+        new, found = found[0], [f for f in found[1:] if not _same(found[0], f)]
+        kept.append(_found(new, flight, best, end, None))
+    return tuple(one for one in kept if one.probability > 1.0 - priors.ACCUSED)
+
+
+def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Verdict:
+    """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
+    if not standing:
+        suspect = verdict.status in _SIDES.values()
+        if not suspect:
+            return verdict
+        over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
+        return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
+    first = standing[0]
+    side = first.cause.side
+    told = first.finding.headline or first.finding.evidence
+    sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
+    more = f", and {len(standing) - 1} more" if len(standing) > 1 else ""
+    status = "imu_suspect" if side == "imu" else "autopilot_suspect"
+    return replace(verdict, status=status, summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause)
+
+
+def _same(one: Finding, other: Finding) -> bool:
+    """Whether two findings are of one fault: of the same sensor, or of the same side and onset.
+
+    Which IMU it is may be told otherwise as more is known of it.
+    """
+    a, b = one.cause, other.cause
+    if a is None or b is None or a.side != b.side:
+        return False
+    sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
+    together = abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
+    if a.sensor and b.sensor:
+        return together or (a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu))
+    return together or a.kind == b.kind
+
+
+def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | None:
+    """What the best estimate had to explain, that a finding tells of."""
+    if best is None or finding.kind not in _KINDS:
+        return None
+    intervals = (one for one in fault_intervals(best) if one.kind == finding.kind)
+    return next((one for one in intervals if abs(one.start - finding.start_s) < check.NEAR_S), None)
+
+
+def _named(finding: Finding, best: BestEstimate | None) -> Finding:
+    """The finding; where it is not known yet which IMU it is, without the name of one."""
+    interval, cause = _interval(finding, best), finding.cause
+    if interval is None or best is None or cause is None or interval.side != "imu":
+        return finding
+    shares = probability_by_imu(interval, best)
+    if next(iter(shares.values()), 1.0) >= priors.ACCUSED or cause.sensor not in BIAS_UNITS:
+        return finding
+    likely = sorted(k for k, share in shares.items() if share > 1.0 - priors.ACCUSED)
+    size = cause.size or 0.0
+    unit, scale, decimals = BIAS_UNITS[cause.sensor]
+    if not cause.kind.endswith("_bias"):
+        unit, scale, decimals = "%", 100.0, 1
+    who = " and ".join(f"IMU {k}" for k in likely)
+    by = f"{size * scale:.{decimals}f} {unit}" + (f" in {cause.axis}" if cause.axis else "")
+    words = f"{who} differ by {by} since {cause.onset_s:.0f} s: which one is not known yet"
+    return replace(finding, evidence=words, headline=words, cause=replace(cause, imu=None))
+
+
+def _found(
+    finding: Finding, flight: Flight, best: BestEstimate | None, end: float, fault: StandingFault | None
+) -> StandingFault:
+    """A fault that a piece shows by itself."""
+    cause = finding.cause
+    assert cause is not None
+    last = end if cause.end_s is None else min(cause.end_s, end)
+    before = _reads(cause, flight, best, until=cause.onset_s)
+    now = _reads(cause, flight, best)
+    known = StandingFault(finding, 1.0, last)
+    if before is not None and now is not None:
+        if fault is not None and fault.before is not None and fault.before[1].sum() < before[1].sum():
+            before = fault.before  # more of the time before the onset was in an earlier piece
+        size = now[0] - before[0]
+        if cause.end_s is None or fault is None or fault.size is None:
+            return replace(known, before=before, size=size)
+        return replace(known, before=before, size=fault.size, probability=_stays(fault.size, before, now, cause))
+    if _reads_again(cause, flight):
+        return replace(known, probability=0.0)
+    if last < end - check.NEAR_S:
+        return replace(known, probability=_unseen(end - last))
+    return known
+
+
+def _weighed(
+    fault: StandingFault, flight: Flight, best: BestEstimate | None, end: float, *, judged: bool
+) -> StandingFault:
+    """A fault that a piece does not show by itself: where that begins after the onset, it cannot."""
+    cause = fault.cause
+    if cause.kind in _STILL:
+        return replace(fault, probability=0.0) if _reads_again(cause, flight) else fault
+    if fault.before is not None and fault.size is not None:
+        now = _reads(cause, flight, best)
+        if now is None:
+            return fault
+        sure = _stays(fault.size, fault.before, now, cause)
+        size = now[0] - fault.before[0] if sure > priors.ACCUSED else fault.size
+        return replace(fault, probability=sure, size=size)
+    if cause.sensor in _AIDING:
+        return replace(fault, probability=0.0) if _came_back(fault, best) else fault
+    return replace(fault, probability=_unseen(end - fault.seen_s)) if judged else fault
+
+
+_STILL = ("stuck_axis", "frozen")
+_AIDING = ("gps", "compass", "barometer")
+
+
+def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:
+    """The probability that an error is still there, of what the sensor reads too much now and did before its onset."""
+    kind = kind_of(cause.kind)
+    drifts = kind.harmful("step") / num.SIGMAS  # what parts in order change by in a flight is a third of it
+    variance = before[1] ** 2 + now[1] ** 2 + drifts**2
+    error = now[0] - before[0]
+    log_odds = -np.log(priors.RECOVERING_SHARE) + 0.5 * float(((error**2 - (error - size) ** 2) / variance).sum())
+    return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))
+
+
+def _unseen(seconds: float) -> float:
+    """The probability that what was found is still there, though so much has been judged since that would show it.
+
+    It is found in 95 % of pieces as long as a verdict needs.
+    """
+    pieces = max(seconds, 0.0) / (num.MIN_WINDOWS * num.JUDGED_S)
+    log_odds = priors.ACCUSED_ODDS * (1.0 - pieces)
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+
+def _reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
+    """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
+
+    None where it is no error that is measured so.
+    """
+    if best is None or not cause.kind.endswith(("_bias", "_scale")) or cause.sensor not in BIAS_UNITS:
+        return None
+    if cause.imu is not None and cause.imu != best.imu.instance:
+        return _apart(cause, flight, best, until)
+    if cause.kind.endswith("_bias"):
+        value = np.median(getattr(best.states, cause.kind), axis=0)
+        variance = np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2
+    else:
+        place, _ = CONSTANTS[f"{cause.sensor}_matrix"]
+        value, variance = best.states.constants[place][_DIAGONAL], best.constants_sigma[place][_DIAGONAL] ** 2
+    for part in (one for one in best.explained if one.kind == cause.kind and one.imu is None):
+        share = share_at(part, float(best.t[-1]))
+        if until is None or part.onset < until - check.NEAR_S:
+            value, variance = value + share * part.size, variance + (share * part.sigma) ** 2
+    return value, np.sqrt(variance)
+
+
+def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None) -> Reading | None:
+    """What another IMU reads more than that of the estimate: by means of seconds, from which true motion cancels."""
+    other = next((track for track in flight.imus.values() if track.instance == cause.imu and len(track) > 1), None)
+    if other is None or cause.kind.endswith("_scale"):
+        return None
+    means = []
+    for track in (other, best.imu):
+        second = np.floor(track.t).astype(np.intp)
+        which, first, count = np.unique(second, return_index=True, return_counts=True)
+        readings = track.gyro if cause.sensor == "gyro" else track.accel
+        means.append((which, np.add.reduceat(readings, first) / count[:, None]))
+    both, i, j = np.intersect1d(means[0][0], means[1][0], assume_unique=True, return_indices=True)
+    apart = means[0][1][i] - means[1][1][j]
+    chosen = apart[-round(num.JUDGED_S) :] if until is None else apart[both + 1 < until]
+    if len(chosen) < 2:
+        return None
+    return chosen.mean(axis=0), chosen.std(axis=0) / np.sqrt(len(chosen))
+
+
+def _reads_again(cause: Cause, flight: Flight) -> bool:
+    """Whether an axis or IMU that stood moves again: in every message of that IMU, for as long as it takes to stand."""
+    if cause.kind not in _STILL:
+        return False
+    tracks = [track for track in flight.imus.values() if cause.imu in (None, track.instance) and len(track) > 1]
+    sensors = (cause.sensor,) if cause.sensor in BIAS_UNITS else tuple(BIAS_UNITS)
+    axes = ["xyz".index(cause.axis)] if cause.axis in tuple("xyz") else [0, 1, 2]
+    for track in tracks:
+        newest = track.t > track.t[-1] - healthy.STUCK_S
+        for sensor in sensors:
+            readings = (track.gyro if sensor == "gyro" else track.accel)[newest]
+            if len(readings) < 2 or unchanged(readings)[:, axes].all(axis=0).any():
+                return False
+    return bool(tracks)
+
+
+def _came_back(fault: StandingFault, best: BestEstimate | None) -> bool:
+    """Whether a sensor beside the IMU has changed back: nothing else tells that an offset is over."""
+    cause = fault.cause
+    if best is None or cause.size is None:
+        return False
+    back = [
+        one for one in fault_intervals(best)
+        if one.kind == cause.kind and one.start > fault.seen_s - check.NEAR_S and not np.isfinite(one.end)
+    ]  # fmt: skip
+    if not back:
+        return False
+    size, sigma = back[-1].magnitude, back[-1].sigma
+    return abs(size - cause.size) < num.SIGMAS * float(np.hypot(sigma, cause.sigma or 0.0))
