@@ -42,7 +42,8 @@ MAY_IMPORT = {
     | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
-    | {"mavlink", "estimation", "analysis", "app.resources", "app.settings", "app.examination", "app.live"},
+    | {"constants.num", "mavlink", "estimation", "analysis"}
+    | {"app.resources", "app.settings", "app.examination", "app.live"},
     "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},

@@ -23,9 +23,9 @@ import msgspec
 import numpy as np
 
 from benchmarks.accuracy.labels import PACKED, SHARED
-from companion.analysis import Cause, Verdict
-from companion.app.live import Band, LiveVerdict, Pace
-from companion.app.running_verdict import Assignment, judge_of
+from companion.analysis import Band, Cause, LiveVerdict, Verdict
+from companion.app.live import Judge, Pace
+from companion.app.running_verdict import Assignment, verdict_on
 from companion.app.settings import Settings
 from companion.mavlink import Decoder, load_dialect, log_time
 from companion.model import Flight
@@ -77,8 +77,8 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
 
 def listened(path: Path, cost: float, until: float = np.inf) -> list[Told]:
     """Everything that is said of a recording."""
-    judge = judge_of(Assignment(Settings()))
-    judging, ends, causes = judge.verdict_on, [0.0], [None]
+    assignment, ends, causes = Assignment(Settings()), [0.0], list[Cause | None]([None])
+    judging = verdict_on(assignment)
 
     def noted(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
         ends[0] = flight.start + flight.duration
@@ -86,8 +86,8 @@ def listened(path: Path, cost: float, until: float = np.inf) -> list[Told]:
         causes[0] = verdict.cause if verdict.status in _WORDS else None
         return verdict, band
 
-    judge.verdict_on = noted
-    pace, now, out = Pace(judge), 0.0, []
+    judge = Judge(noted, dialect=assignment.settings.log.dialect)
+    pace, now, out = Pace(judge), 0.0, list[Told]()
     for data, received in pieces(path):
         judge.hear(data, received)
         if received < now:

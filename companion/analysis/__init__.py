@@ -29,6 +29,7 @@ from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorS
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lasting_errors import known_from
+from companion.analysis.live_verdict import STALE_S, Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
     FlightNoise,
@@ -66,12 +67,15 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
+    "STALE_S",
     "Agreement",
+    "Alarm",
     "Alignment",
     "Assessment",
     "AutopilotBias",
     "AutopilotError",
     "AxisNoise",
+    "Band",
     "Calibration",
     "Cause",
     "Change",
@@ -96,6 +100,7 @@ __all__ = [
     "Item",
     "Later",
     "Limits",
+    "LiveVerdict",
     "ModelFigure",
     "PoseError",
     "RedundantImu",
@@ -110,6 +115,7 @@ __all__ = [
     "SensorSpec",
     "Spread",
     "StandingFault",
+    "State",
     "Statistic",
     "Verdict",
     "WindowErrors",

@@ -13,7 +13,7 @@ is over below 5 %, as it was accepted above 95 %: hysteresis in probability. Wha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
-from companion.analysis.verdict import Verdict
+from companion.analysis.verdict import Status, Verdict, cause_told, headline_of
 from companion.constants import check, healthy, num, priors
 from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of
 from companion.model import Array, Flight
@@ -36,7 +36,7 @@ from companion.model import Array, Flight
 Reading = tuple[Array, Array]
 """(m,) what a sensor reads too much, and 1σ of it."""
 
-_SIDES = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
+_SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
 _WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
 _KINDS = {kind.name for kind in KINDS}
 _DIAGONAL = [0, 4, 8]
@@ -67,37 +67,46 @@ def carried_on(
     standing: before it. verdict, best: of the piece by itself.
     """
     end = flight.start + flight.duration
-    found = [_named(f, best) for f in verdict.findings if f.severity == "error" and f.side != "data" and f.cause]
+    errors = (f for f in verdict.findings if f.severity == "error" and f.side != "data")
+    new = sorted((_named(replace(f, cause=cause_told(f)), best) for f in errors), key=lambda f: f.start_s)
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []
     for fault in standing:
-        again = next((f for f in found if _same(fault.finding, f)), None)
-        if again is not None:
-            found = [f for f in found if not _same(fault.finding, f)]
+        again = next((f for f in new if _same(fault.finding, f)), None)
+        new = [f for f in new if not _same(fault.finding, f)]
+        if again is not None and _together(fault.finding, again):
             kept.append(_found(again, flight, best, end, fault))
-        else:
+        else:  # what the sensor does later is the end of it, or more of it
             kept.append(_weighed(fault, flight, best, end, judged=judged))
-    while found:
-        new, found = found[0], [f for f in found[1:] if not _same(found[0], f)]
-        kept.append(_found(new, flight, best, end, None))
+    while new:
+        first, new = new[0], [f for f in new[1:] if not _same(new[0], f)]
+        if not (kept and _is_consequence(first)):
+            kept.append(_found(first, flight, best, end, None))
     return tuple(one for one in kept if one.probability > 1.0 - priors.ACCUSED)
+
+
+def _is_consequence(finding: Finding) -> bool:
+    """Whether a finding is of the estimate alone: a fault that stands has misled it."""
+    cause = finding.cause
+    return cause is not None and cause.side == "autopilot" and not cause.sensor
 
 
 def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Verdict:
     """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
     if not standing:
-        suspect = verdict.status in _SIDES.values()
+        suspect = verdict.status in _SUSPECT.values()
         if not suspect:
             return verdict
         over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
     first = standing[0]
     side = first.cause.side
-    told = first.finding.headline or first.finding.evidence
+    told = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
     more = f", and {len(standing) - 1} more" if len(standing) > 1 else ""
-    status = "imu_suspect" if side == "imu" else "autopilot_suspect"
-    return replace(verdict, status=status, summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause)
+    return replace(
+        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause
+    )
 
 
 def _same(one: Finding, other: Finding) -> bool:
@@ -108,11 +117,17 @@ def _same(one: Finding, other: Finding) -> bool:
     a, b = one.cause, other.cause
     if a is None or b is None or a.side != b.side:
         return False
-    sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
-    together = abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
     if a.sensor and b.sensor:
-        return together or (a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu))
-    return together or a.kind == b.kind
+        same_sensor = a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu)
+        return same_sensor or _together(one, other)
+    return a.kind == b.kind or _together(one, other)
+
+
+def _together(one: Finding, other: Finding) -> bool:
+    """Whether two findings begin together."""
+    a, b = cause_told(one), cause_told(other)
+    sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
+    return abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
 
 
 def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | None:

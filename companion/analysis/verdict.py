@@ -120,8 +120,8 @@ def _decided(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        cause = _cause(first)
-        told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        cause = cause_told(first)
+        told = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
         told += _all_the_same(judged, source)
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
@@ -234,20 +234,21 @@ def _first(causes: Sequence[Finding]) -> Finding:
 
     causes: in order of time. The other then takes up what the model of this one leaves.
     """
-    first = _cause(causes[0])
+    first = cause_told(causes[0])
     if not first.sensor or not first.onset_sigma_s:
         return causes[0]
     latest = first.onset_s + num.SIGMAS * first.onset_sigma_s
-    together = [f for f in causes if f.start_s <= latest and _cause(f).sensor == first.sensor]
-    return min(together, key=lambda f: _cause(f).onset_sigma_s or 0.0)
+    together = [f for f in causes if f.start_s <= latest and cause_told(f).sensor == first.sensor]
+    return min(together, key=lambda f: cause_told(f).onset_sigma_s or 0.0)
 
 
-def _headline(finding: Finding) -> str:
+def headline_of(finding: Finding) -> str:
     """What is wrong and when, without the rivals and consequences that stand in the finding."""
     if finding.headline and finding.cause is not None:
         return finding.headline  # has its time, with how sure it is
     return f"{finding.headline or finding.evidence}, from {finding.start_s:.1f} to {finding.end_s:.1f} s"
 
 
-def _cause(finding: Finding) -> Cause:
+def cause_told(finding: Finding) -> Cause:
+    """What is wrong, in numbers; without a size where the finding has none."""
     return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)

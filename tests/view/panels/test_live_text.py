@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
+from companion.analysis import LiveVerdict
 from companion.present import palette
-from companion.view import LinkState, LiveVerdict, ReplayChoice, StreamState
+from companion.view import LinkState, ReplayChoice, StreamState
 from companion.view.panels import live_text, markup
 from tests.view.circles import make_flight, recompute
 

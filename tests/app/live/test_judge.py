@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from companion.analysis import Comparison, Verdict
-from companion.app.live import HORIZON_S, Band, Judge, LiveVerdict, live_verdict
+from companion.analysis import Band, Comparison, LiveVerdict, Verdict
+from companion.app.live import HORIZON_S, Judge
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -112,7 +112,7 @@ def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, mon
         seen.append(comparison)
         return False
 
-    monkeypatch.setattr(live_verdict, "newest_stands_out", looked)
+    monkeypatch.setattr("companion.app.live.judge.newest_stands_out", looked)
     for t, packets in bursts(vehicle, 45.0):
         after.hear(packets, EPOCH + t)
         anew.hear(packets, EPOCH + t)
