@@ -185,7 +185,8 @@ class _Changes:
         if now - self._announced_at < _QUIET_S or line["age_s"] > _FORGOTTEN_S:
             return
         self._announced, self._announced_at = status, now
-        self._session.link.send(announce(f"{_WORDS[status]}{of}", alarm=status != "consistent"))
+        words = announce(f"{_WORDS[status]}{of}", alarm=status != "consistent")
+        self._session.link.send(words, aboard=int(line["vehicle"].partition(":")[0] or 0) or None)
 
 
 def _line(session: Session, live_verdict: LiveVerdict) -> dict[str, Any]:

@@ -152,7 +152,8 @@ class Judge:
 
     def _said(self, flight: Flight) -> tuple[State, str, Band]:
         part = phases(flight)[-1]
-        if part.kind == "aligning" or (part.kind == "standing" and self._is_young(flight)):
+        aligning = part.kind == "aligning" or (part.kind == "standing" and self._is_young(flight))
+        if aligning and flight.attitude is not None:
             why = part.reason if part.kind == "aligning" else "it has booted less than a minute ago"
             return "starting", f"the estimator is aligning ({why}): nothing is judged yet", ()
         if part.kind == "impact":
