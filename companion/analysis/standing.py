@@ -30,7 +30,7 @@ from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.verdict import Status, Verdict, cause_told, headline_of
 from companion.constants import check, healthy, num, priors
-from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of
+from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
 from companion.model import Array, Flight
 
 Reading = tuple[Array, Array]
@@ -51,6 +51,7 @@ class StandingFault:
     seen_s: float  # boot clock, until when it was found by itself
     before: Reading | None = None  # of the sensor, before its onset; None where that was not measured
     size: Array | None = None  # (m,) while it was found
+    over_s: float | None = None  # s, boot clock, by when it was seen to be over; None: it stands
 
     @property
     def cause(self) -> Cause:
@@ -62,9 +63,10 @@ class StandingFault:
 def carried_on(
     standing: Sequence[StandingFault], flight: Flight, verdict: Verdict, best: BestEstimate | None
 ) -> tuple[StandingFault, ...]:
-    """The faults that stand after another piece of a flight, the first first; what is over is left out.
+    """The faults that stand after another piece of a flight, the first first.
 
-    standing: before it. verdict, best: of the piece by itself.
+    And those that are over, while a piece still has their end in it, which looks like another fault.
+    standing: before. verdict, best: of the piece by itself.
     """
     end = flight.start + flight.duration
     errors = (f for f in verdict.findings if f.severity == "error" and f.side != "data")
@@ -72,17 +74,27 @@ def carried_on(
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []
     for fault in standing:
-        again = next((f for f in new if _same(fault.finding, f)), None)
-        new = [f for f in new if not _same(fault.finding, f)]
+        mine = [f for f in new if _same(fault.finding, f) and (fault.over_s is None or f.start_s < fault.over_s)]
+        new, again = [f for f in new if f not in mine], next(iter(mine), None)
         if again is not None and _together(fault.finding, again):
             kept.append(_found(again, flight, best, end, fault))
         else:  # what the sensor does later is the end of it, or more of it
             kept.append(_weighed(fault, flight, best, end, judged=judged))
     while new:
         first, new = new[0], [f for f in new[1:] if not _same(new[0], f)]
-        if not (kept and _is_consequence(first)):
+        if not (any(one.over_s is None for one in kept) and _is_consequence(first)):
             kept.append(_found(first, flight, best, end, None))
-    return tuple(one for one in kept if one.probability > 1.0 - priors.ACCUSED)
+    judged_now = (_turned(one, end) for one in kept)
+    return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
+
+
+def _turned(fault: StandingFault, end: float) -> StandingFault:
+    """A fault that is over below 5 %, and stands again above 95 %."""
+    if fault.over_s is None and fault.probability <= 1.0 - priors.ACCUSED:
+        return replace(fault, over_s=end)
+    if fault.over_s is not None and fault.probability >= priors.ACCUSED:
+        return replace(fault, over_s=None)
+    return fault
 
 
 def _is_consequence(finding: Finding) -> bool:
@@ -93,17 +105,18 @@ def _is_consequence(finding: Finding) -> bool:
 
 def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Verdict:
     """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
-    if not standing:
+    up = [fault for fault in standing if fault.over_s is None]
+    if not up:
         suspect = verdict.status in _SUSPECT.values()
         if not suspect:
             return verdict
         over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
-    first = standing[0]
+    first = up[0]
     side = first.cause.side
     told = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
-    more = f", and {len(standing) - 1} more" if len(standing) > 1 else ""
+    more = f", and {len(up) - 1} more" if len(up) > 1 else ""
     return replace(
         verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause
     )
@@ -188,6 +201,8 @@ def _weighed(
     cause = fault.cause
     if cause.kind in _STILL:
         return replace(fault, probability=0.0) if _reads_again(cause, flight) else fault
+    if judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
+        return replace(fault, probability=_by_its_onset(best, cause))
     if fault.before is not None and fault.size is not None:
         now = _reads(cause, flight, best)
         if now is None:
@@ -198,6 +213,19 @@ def _weighed(
     if cause.sensor in _AIDING:
         return replace(fault, probability=0.0) if _came_back(fault, best) else fault
     return replace(fault, probability=_unseen(end - fault.seen_s)) if judged else fault
+
+
+def _has_onset(best: BestEstimate, cause: Cause) -> bool:
+    """Whether the onset lies so far within a piece that it shows there."""
+    return cause.onset_s - num.SIGMAS * (cause.onset_sigma_s or 0.0) > times_of_change(best.t)[0]
+
+
+def _by_its_onset(best: BestEstimate, cause: Cause) -> float:
+    """The probability that a sensor has a fault since then, by a piece that has more of what came after."""
+    sigma = cause.onset_sigma_s or 0.0
+    near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + num.SIGMAS * sigma]
+    whose = "imu" if cause.side == "imu" else cause.sensor
+    return max((probabilities(rivals)[whose] for rivals in (best.further, *(one.rivals for one in near))), default=0.0)
 
 
 _STILL = ("stuck_axis", "frozen")
