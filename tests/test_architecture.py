@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
-    "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
+    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"constants.num", "mavlink", "estimation", "analysis"}
     | {"app.resources", "app.settings", "app.examination", "app.live"},

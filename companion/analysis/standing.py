@@ -77,13 +77,13 @@ def carried_on(
         mine = [f for f in new if _same(fault.finding, f) and (fault.over_s is None or f.start_s < fault.over_s)]
         new, again = [f for f in new if f not in mine], next(iter(mine), None)
         if again is not None and _together(fault.finding, again):
-            kept.append(_found(again, flight, best, end, fault))
+            kept.append(_as_seen(again, flight, best, end, fault))
         else:  # what the sensor does later is the end of it, or more of it
             kept.append(_weighed(fault, flight, best, end, judged=judged))
     while new:
         first, new = new[0], [f for f in new[1:] if not _same(new[0], f)]
         if not (any(one.over_s is None for one in kept) and _is_consequence(first)):
-            kept.append(_found(first, flight, best, end, None))
+            kept.append(_as_seen(first, flight, best, end, None))
     judged_now = (_turned(one, end) for one in kept)
     return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
 
@@ -170,7 +170,7 @@ def _named(finding: Finding, best: BestEstimate | None) -> Finding:
     return replace(finding, evidence=words, headline=words, cause=replace(cause, imu=None))
 
 
-def _found(
+def _as_seen(
     finding: Finding, flight: Flight, best: BestEstimate | None, end: float, fault: StandingFault | None
 ) -> StandingFault:
     """A fault that a piece shows by itself."""

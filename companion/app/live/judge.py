@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from companion.analysis import Alarm, Band, LiveVerdict, State, Verdict, compare, newest_stands_out, phases
+from companion.constants import check
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
 
@@ -174,6 +175,11 @@ class Judge:
 
     def _is_young(self, flight: Flight) -> bool:
         """Whether its estimator may still be aligning: on the ground, disarmed, in the first minute since boot."""
+        estimator = flight.series.get("estimator")
+        if estimator is not None and "flags" in estimator.columns and len(estimator.t):
+            flags = estimator["flags"][-1]
+            if math.isfinite(flags) and int(flags) & check.POSITION_VALID:
+                return False
         armed = [event.kind == "armed" for event in flight.events if event.kind in ("armed", "disarmed")]
         return _end(flight) < _YOUNG_S and bool(flight.events) and not (armed and armed[-1])
 
