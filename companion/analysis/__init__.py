@@ -4,6 +4,7 @@ from companion.analysis.agreement import Agreement
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
+from companion.analysis.believable import believable
 from companion.analysis.budget import Expected
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import (
@@ -125,6 +126,7 @@ __all__ = [
     "assess",
     "autopilot_bias",
     "autopilot_error",
+    "believable",
     "by_severity",
     "calibrate",
     "carried_on",

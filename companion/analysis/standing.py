@@ -24,22 +24,18 @@ from companion.analysis.fault_interval import (
     fault_intervals,
     percent,
     probability_by_imu,
-    share_at,
 )
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
+from companion.analysis.measured_error import Reading, reads
 from companion.analysis.verdict import Status, Verdict, cause_told, headline_of
 from companion.constants import check, healthy, num, priors
-from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
+from companion.estimation import KINDS, BestEstimate, kind_of, probabilities, times_of_change
 from companion.model import Array, Flight
-
-Reading = tuple[Array, Array]
-"""(m,) what a sensor reads too much, and 1σ of it."""
 
 _SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
 _WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
 _KINDS = {kind.name for kind in KINDS}
-_DIAGONAL = [0, 4, 8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +65,8 @@ def carried_on(
     standing: before. verdict, best: of the piece by itself.
     """
     end = flight.start + flight.duration
-    errors = (f for f in verdict.findings if f.severity == "error" and f.side != "data")
+    errors = [f for f in verdict.findings if f.severity == "error" and f.side != "data"]
+    errors += [_outage(f) for f in verdict.findings if f.kind in _OUTAGES and f.end_s > end - check.NEAR_S]
     new = sorted((_named(replace(f, cause=cause_told(f)), best) for f in errors), key=lambda f: f.start_s)
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []
@@ -95,6 +92,15 @@ def _turned(fault: StandingFault, end: float) -> StandingFault:
     if fault.over_s is not None and fault.probability >= priors.ACCUSED:
         return replace(fault, over_s=None)
     return fault
+
+
+_OUTAGES = ("position_lost", "dead_reckoned")
+
+
+def _outage(finding: Finding) -> Finding:
+    """That there is no position, or that nothing supports it: in flight an alarm for as long as it lasts."""
+    cause = Cause(finding.kind, "autopilot", finding.start_s, finding.end_s, sensor="gps")
+    return replace(finding, side="autopilot", severity="error", undecided=False, cause=cause)
 
 
 def _is_consequence(finding: Finding) -> bool:
@@ -177,8 +183,8 @@ def _as_seen(
     cause = finding.cause
     assert cause is not None
     last = end if cause.end_s is None else min(cause.end_s, end)
-    before = _reads(cause, flight, best, until=cause.onset_s)
-    now = _reads(cause, flight, best)
+    before = reads(cause, flight, best, until=cause.onset_s)
+    now = reads(cause, flight, best)
     known = StandingFault(finding, 1.0, last)
     if before is not None and now is not None:
         if fault is not None and fault.before is not None and fault.before[1].sum() < before[1].sum():
@@ -189,6 +195,8 @@ def _as_seen(
         return replace(known, before=before, size=fault.size, probability=_stays(fault.size, before, now, cause))
     if _reads_again(cause, flight):
         return replace(known, probability=0.0)
+    if cause.kind in _OUTAGES:
+        return known
     if last < end - check.NEAR_S:
         return replace(known, probability=_unseen(end - last))
     return known
@@ -198,21 +206,30 @@ def _weighed(
     fault: StandingFault, flight: Flight, best: BestEstimate | None, end: float, *, judged: bool
 ) -> StandingFault:
     """A fault that a piece does not show by itself: where that begins after the onset, it cannot."""
-    cause = fault.cause
+    cause, sure = fault.cause, fault.probability
+    measured = fault.before is not None and fault.size is not None
     if cause.kind in _STILL:
-        return replace(fault, probability=0.0) if _reads_again(cause, flight) else fault
-    if judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
-        return replace(fault, probability=_by_its_onset(best, cause))
-    if fault.before is not None and fault.size is not None:
-        now = _reads(cause, flight, best)
-        if now is None:
-            return fault
-        sure = _stays(fault.size, fault.before, now, cause)
-        size = now[0] - fault.before[0] if sure > priors.ACCUSED else fault.size
-        return replace(fault, probability=sure, size=size)
-    if cause.sensor in _AIDING:
-        return replace(fault, probability=0.0) if _came_back(fault, best) else fault
-    return replace(fault, probability=_unseen(end - fault.seen_s)) if judged else fault
+        sure = 0.0 if _reads_again(cause, flight) else sure
+    elif cause.kind in _OUTAGES:
+        sure = 0.0 if _comes_again(cause, flight, end) else sure
+    elif judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
+        sure = _by_its_onset(best, cause)
+    elif measured:
+        return _measured(fault, reads(cause, flight, best))
+    elif cause.sensor in _AIDING:
+        sure = 0.0 if _came_back(fault, best) else sure
+    elif judged:
+        sure = _unseen(end - fault.seen_s)
+    return fault if sure == fault.probability else replace(fault, probability=sure)
+
+
+def _measured(fault: StandingFault, now: Reading | None) -> StandingFault:
+    """A fault by what its sensor reads too much now; as it was where that is not known."""
+    if now is None or fault.before is None or fault.size is None:
+        return fault
+    sure = _stays(fault.size, fault.before, now, fault.cause)
+    size = now[0] - fault.before[0] if sure > priors.ACCUSED else fault.size
+    return replace(fault, probability=sure, size=size)
 
 
 def _has_onset(best: BestEstimate, cause: Cause) -> bool:
@@ -226,6 +243,14 @@ def _by_its_onset(best: BestEstimate, cause: Cause) -> float:
     near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + num.SIGMAS * sigma]
     whose = "imu" if cause.side == "imu" else cause.sensor
     return max((probabilities(rivals)[whose] for rivals in (best.further, *(one.rivals for one in near))), default=0.0)
+
+
+def _comes_again(cause: Cause, flight: Flight, end: float) -> bool:
+    """Whether the position, or a GPS fix, has come lately."""
+    if cause.kind == "position_lost":
+        return flight.position is not None and float(flight.position.t[-1]) > end - check.NEAR_S
+    fixed = (one.t[one.fix_type >= check.FIX_3D] for one in flight.gps)
+    return any(len(t) and float(t[-1]) > end - check.NEAR_S for t in fixed)
 
 
 _STILL = ("stuck_axis", "frozen")
@@ -250,47 +275,6 @@ def _unseen(seconds: float) -> float:
     pieces = max(seconds, 0.0) / (num.MIN_WINDOWS * num.JUDGED_S)
     log_odds = priors.ACCUSED_ODDS * (1.0 - pieces)
     return float(1.0 / (1.0 + np.exp(-log_odds)))
-
-
-def _reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
-    """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
-
-    None where it is no error that is measured so.
-    """
-    if best is None or not cause.kind.endswith(("_bias", "_scale")) or cause.sensor not in BIAS_UNITS:
-        return None
-    if cause.imu is not None and cause.imu != best.imu.instance:
-        return _apart(cause, flight, best, until)
-    if cause.kind.endswith("_bias"):
-        value = np.median(getattr(best.states, cause.kind), axis=0)
-        variance = np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2
-    else:
-        place, _ = CONSTANTS[f"{cause.sensor}_matrix"]
-        value, variance = best.states.constants[place][_DIAGONAL], best.constants_sigma[place][_DIAGONAL] ** 2
-    for part in (one for one in best.explained if one.kind == cause.kind and one.imu is None):
-        share = share_at(part, float(best.t[-1]))
-        if until is None or part.onset < until - check.NEAR_S:
-            value, variance = value + share * part.size, variance + (share * part.sigma) ** 2
-    return value, np.sqrt(variance)
-
-
-def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None) -> Reading | None:
-    """What another IMU reads more than that of the estimate: by means of seconds, from which true motion cancels."""
-    other = next((track for track in flight.imus.values() if track.instance == cause.imu and len(track) > 1), None)
-    if other is None or cause.kind.endswith("_scale"):
-        return None
-    means = []
-    for track in (other, best.imu):
-        second = np.floor(track.t).astype(np.intp)
-        which, first, count = np.unique(second, return_index=True, return_counts=True)
-        readings = track.gyro if cause.sensor == "gyro" else track.accel
-        means.append((which, np.add.reduceat(readings, first) / count[:, None]))
-    both, i, j = np.intersect1d(means[0][0], means[1][0], assume_unique=True, return_indices=True)
-    apart = means[0][1][i] - means[1][1][j]
-    chosen = apart[-round(num.JUDGED_S) :] if until is None else apart[both + 1 < until]
-    if len(chosen) < 2:
-        return None
-    return chosen.mean(axis=0), chosen.std(axis=0) / np.sqrt(len(chosen))
 
 
 def _reads_again(cause: Cause, flight: Flight) -> bool:

@@ -32,6 +32,7 @@ from companion.analysis import (
     LiveVerdict,
     StandingFault,
     Verdict,
+    believable,
     carried_on,
     expected_by_age,
     phases,
@@ -240,14 +241,15 @@ def verdict_on(assignment: Assignment) -> Judging:
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
     standing: tuple[StandingFault, ...] = ()
+    since = 0.0  # s, boot clock, when the vehicle was first heard
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made, before, standing
+        nonlocal band, of, made, before, standing, since
         end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
         if now != of:
             before = None
-        if of is not None and now[:2] != of[:2]:
-            standing = ()
+        if of is None or now[:2] != of[:2]:
+            standing, since = (), flight.start
         try:
             assessment = assess_imu(flight, settings, imu=imu, before=before)
         except DataError as why:
@@ -256,9 +258,10 @@ def verdict_on(assignment: Assignment) -> Judging:
                 raise
             return standing_verdict(standing, Verdict("insufficient_data", str(why), ())), band
         before = assessment.best
-        standing = carried_on(standing, flight, assessment.verdict, assessment.best)
-        verdict = standing_verdict(standing, assessment.verdict)
-        if verdict.status == "insufficient_data" and (begun := _just_begun(flight, assessment)):
+        own = believable(assessment.verdict, flight)
+        standing = carried_on(standing, flight, own, assessment.best)
+        verdict = standing_verdict(standing, own)
+        if verdict.status == "insufficient_data" and (begun := _just_begun(flight, assessment, since)):
             of = now
             raise NothingYetError(begun)
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
@@ -270,14 +273,18 @@ def verdict_on(assignment: Assignment) -> Judging:
     return judged
 
 
-def _just_begun(flight: Flight, assessment: Assessment) -> str:
-    """Why a flight cannot be judged yet that has only begun: it has too few windows; "" for any other."""
+def _just_begun(flight: Flight, assessment: Assessment, since: float) -> str:
+    """Why a flight cannot be judged yet that has only begun: it has too few windows; "" for any other.
+
+    since: s, boot clock, when the vehicle was first heard.
+    """
     judged = assessment.agreements[num.JUDGED_S]
     if judged.windows >= num.MIN_WINDOWS or any(f.kind == "rate_too_low" for f in assessment.verdict.findings):
         return ""
     part, end = phases(flight)[-1], flight.start + flight.duration
     armed = max((event.t for event in flight.events if event.kind == "armed"), default=-math.inf)
-    begun = {"heard": flight.start, "armed": armed, "in the air": part.start if part.kind == "flight" else -math.inf}
+    takes_off = part.kind == "flight" and part.start > flight.start  # what began before the piece began long ago
+    begun = {"heard": since, "armed": armed, "in the air": part.start if takes_off else -math.inf}
     where = max(begun, key=lambda name: begun[name])
     if end - begun[where] > _BEGINS_S:
         return ""
