@@ -216,7 +216,7 @@ def _weighed(
         sure = _by_its_onset(best, cause)
     elif measured:
         return _measured(fault, reads(cause, flight, best))
-    elif cause.sensor in _AIDING:
+    elif cause.sensor in _AIDING and cause.end_s is None:
         sure = 0.0 if _came_back(fault, best) else sure
     elif judged:
         sure = _unseen(end - fault.seen_s)

@@ -74,10 +74,15 @@ PIECE = replace(cut(FLIGHT, 10.0, 20.0), gps=(), compasses=(), barometers=())
 GOOD, UNSURE = Verdict("consistent", "all is well", ()), Verdict("insufficient_data", "Cannot tell: too short.", ())
 
 
-def alarm(kind: str, side: Any, onset: float, end: float, **more: Any) -> Verdict:
+def alarm(kind: str, side: Any, onset: float, end: float | None, **more: Any) -> Verdict:
     cause = Cause(kind, side, onset, end, **more)
-    finding = Finding(kind, side, "error", onset, end, f"{kind} seen", "", cause=cause)
+    finding = Finding(kind, side, "error", onset, end or onset + 5.0, f"{kind} seen", "", cause=cause)
     return Verdict("imu_suspect" if side == "imu" else "autopilot_suspect", f"Suspect: {kind}.", (finding,), cause)
+
+
+def moved_gps(begin: float, end: float | None) -> Verdict:
+    """The GPS is off since 5 s before, and the autopilot with it."""
+    return alarm("gps_position", "autopilot", begin - 5.0, end, sensor="gps", size=20.0, sigma=1.0)
 
 
 def after(seconds_: float) -> Flight:
@@ -99,11 +104,27 @@ def test_what_has_no_size_of_its_own_is_over_when_enough_was_judged_without_it()
 def test_an_offset_that_nothing_measures_stays_until_it_is_seen_to_change_back() -> None:
     """A GPS that has moved, and the autopilot with it, agree for ever."""
     begin = PIECE.start + PIECE.duration
-    moved = alarm("gps_position", "autopilot", begin - 5.0, begin, sensor="gps", size=20.0, sigma=1.0)
-    standing = carried_on((), PIECE, moved, None)
+    standing = carried_on((), PIECE, moved_gps(begin, None), None)
     for later in range(10, 600, 30):
         standing = carried_on(standing, after(float(later)), GOOD, None)
         assert standing_verdict(standing, GOOD).status == "autopilot_suspect"
+
+
+def test_what_was_seen_to_end_does_not_stand_for_ever() -> None:
+    begin = PIECE.start + PIECE.duration
+    standing = carried_on((), PIECE, moved_gps(begin, begin - 2.0), None)
+    assert standing_verdict(standing, GOOD).status == "autopilot_suspect", "which it is said of"
+    assert standing_verdict(carried_on(standing, after(40.0), GOOD, None), GOOD) == GOOD
+
+
+def test_a_gps_that_is_lost_is_an_alarm_until_it_is_received_again() -> None:
+    whole = cut(FLIGHT, 10.0, 40.0)
+    silent = replace(whole, gps=tuple(one[one.t < 25.0] for one in whole.gps))
+    lost = Finding("dead_reckoned", "data", "warning", 25.0, 40.0, "no GPS fix for 15.0 s", "")
+    standing = carried_on((), silent, replace(UNSURE, findings=(lost,)), None)
+    assert standing_verdict(standing, UNSURE).status == "autopilot_suspect"
+    assert standing_verdict(carried_on(standing, silent, GOOD, None), GOOD).status == "autopilot_suspect"
+    assert standing_verdict(carried_on(standing, whole, GOOD, None), GOOD) == GOOD
 
 
 def test_a_stuck_axis_is_over_when_it_moves_again() -> None:
@@ -120,7 +141,6 @@ def test_a_stuck_axis_is_over_when_it_moves_again() -> None:
 
 def test_what_a_fault_does_to_the_autopilot_is_no_second_fault() -> None:
     begin = PIECE.start + PIECE.duration
-    moved = alarm("gps_position", "autopilot", begin - 5.0, begin, sensor="gps", size=20.0, sigma=1.0)
-    standing = carried_on((), PIECE, moved, None)
+    standing = carried_on((), PIECE, moved_gps(begin, None), None)
     misled = alarm("velocity_off", "autopilot", begin + 20.0, begin + 25.0)
     assert len(carried_on(standing, after(25.0), misled, None)) == 1
