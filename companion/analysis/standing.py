@@ -66,7 +66,8 @@ def carried_on(
     """
     end = flight.start + flight.duration
     errors = [f for f in verdict.findings if f.severity == "error" and f.side != "data"]
-    errors += [_outage(f) for f in verdict.findings if f.kind in _OUTAGES and f.end_s > end - check.NEAR_S]
+    outages = [_outage(f) for f in verdict.findings if f.kind in _OUTAGES and f.severity == "warning"]
+    errors += [f for f in outages if f.end_s > end - check.NEAR_S and not _comes_again(cause_told(f), flight, end)]
     new = sorted((_named(replace(f, cause=cause_told(f)), best) for f in errors), key=lambda f: f.start_s)
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []

@@ -81,8 +81,8 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
     if causes:
         first = _first(causes)
-        told = f"Suspect the autopilot's estimate: {_headline(first)}. {unjudged}"
-        return Verdict("autopilot_suspect", told, findings, _cause(first))
+        told = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
+        return Verdict("autopilot_suspect", told, findings, cause_told(first))
     doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.accuracy.cutting import cut
 from companion.analysis import GENERIC, Cause, Finding, StandingFault, Verdict, assess, carried_on, standing_verdict
-from companion.model import Flight
+from companion.model import Flight, rows
 from companion.strapdown import motions
 from tests.flights import flown, seconds, with_imu
 
@@ -54,7 +54,8 @@ def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_
     alone, said = verdicts[-1]
     assert alone.status != "imu_suspect", "the piece alone takes it for the part's own bias"
     assert said.cause is not None
-    assert (said.cause.kind, said.cause.onset_s) == (f"{sensor}_bias", pytest.approx(BEGIN, abs=2.0))
+    assert said.cause.kind == f"{sensor}_bias"
+    assert said.cause.onset_s == pytest.approx(BEGIN, abs=2.0)
     assert "until now" in said.summary
 
 
@@ -119,7 +120,7 @@ def test_what_was_seen_to_end_does_not_stand_for_ever() -> None:
 
 def test_a_gps_that_is_lost_is_an_alarm_until_it_is_received_again() -> None:
     whole = cut(FLIGHT, 10.0, 40.0)
-    silent = replace(whole, gps=tuple(one[one.t < 25.0] for one in whole.gps))
+    silent = replace(whole, gps=tuple(rows(one, one.t < 25.0) for one in whole.gps))
     lost = Finding("dead_reckoned", "data", "warning", 25.0, 40.0, "no GPS fix for 15.0 s", "")
     standing = carried_on((), silent, replace(UNSURE, findings=(lost,)), None)
     assert standing_verdict(standing, UNSURE).status == "autopilot_suspect"

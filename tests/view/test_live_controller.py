@@ -34,6 +34,7 @@ class Script:
     link: LinkState = field(default_factory=lambda: LinkState("a link"))
     drift: tuple[DriftRow, ...] = ()
     verdict: LiveVerdict = field(default_factory=lambda: LiveVerdict("", ""))
+    other_verdicts: tuple[LiveVerdict, ...] = ()
 
     def wait(self, timeout_s: float) -> None:
         """It is all there."""
