@@ -75,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         while not ended() and time.monotonic() < end and not patience.over(link.health.frames):
             session.step()
             session.beside(lines.show)
+        verdict.close()  # what it still judges would only hold up the end
         restored = session.leave()
         for sentence in session.reported:
             live.say(sentence)
