@@ -145,3 +145,19 @@ def test_what_a_fault_does_to_the_autopilot_is_no_second_fault() -> None:
     standing = carried_on((), PIECE, moved_gps(begin, None), None)
     misled = alarm("velocity_off", "autopilot", begin + 20.0, begin + 25.0)
     assert len(carried_on(standing, after(25.0), misled, None)) == 1
+
+
+def test_while_it_is_not_known_which_imu_it_is_neither_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    piece = cut(misread(np.inf, gyro=[0.0, 0.015, 0.0]), 20.0, 62.0)
+    own = assess(piece, GENERIC)
+    assert own.verdict.cause is not None
+    known = standing_verdict(carried_on((), piece, own.verdict, own.best), own.verdict)
+    assert known.cause is not None
+    assert known.cause.imu == piece.imu().instance
+    monkeypatch.setattr("companion.analysis.standing.probability_by_imu", lambda *_: {0: 0.6, 1: 0.4})
+    unknown = standing_verdict(carried_on((), piece, own.verdict, own.best), own.verdict)
+    assert unknown.status == "imu_suspect"
+    assert unknown.cause is not None
+    assert unknown.cause.imu is None
+    assert unknown.summary.startswith("Suspect the IMU: IMU 0 and IMU 1 differ by 1")
+    assert unknown.summary.endswith("mrad/s in y since 45 s: which one is not known yet.")
