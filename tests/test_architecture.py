@@ -40,9 +40,10 @@ MAY_IMPORT = {
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
-    "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
+    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
-    | {"mavlink", "estimation", "analysis", "app.resources", "app.settings", "app.examination", "app.live"},
+    | {"constants.num", "mavlink", "estimation", "analysis"}
+    | {"app.resources", "app.settings", "app.examination", "app.live"},
     "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},

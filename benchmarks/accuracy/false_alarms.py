@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.parallel import Failed, each
-from companion.app.live import Alarm, Pace
-from companion.app.running_verdict import Assignment, judge_of
+from companion.analysis import Alarm
+from companion.app.running_verdict import Assignment, judges_of
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.cli.simulate import model_of
@@ -77,15 +77,14 @@ def recorded(path: Path) -> Iterator[tuple[float, bytes]]:
 
 def watch(given: tuple[int, float] | Path) -> Watched:
     """Judge a flight as a link is judged: a seed and a length in s, or a tlog."""
-    judge = judge_of(Assignment(Settings()))
-    pace = Pace(judge)
+    judges = judges_of(Assignment(Settings()))
     judged, consistent = 0, 0
     alarms: tuple[Alarm, ...] = ()
     first = last = 0.0
     for received, packets in recorded(given) if isinstance(given, Path) else simulated(*given):
-        judge.hear(packets, received)
+        judges.hear(packets, received)
         first, last = first or received, received
-        said = pace.step(received)
+        said = judges.step(received)
         if said is not None:
             judged, consistent = judged + 1, consistent + (said.status == "consistent")
             alarms = said.alarms

@@ -4,6 +4,7 @@ from companion.analysis.agreement import Agreement
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
+from companion.analysis.believable import believable
 from companion.analysis.budget import Expected
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import (
@@ -29,6 +30,7 @@ from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorS
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lasting_errors import known_from
+from companion.analysis.live_verdict import STALE_S, Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
     FlightNoise,
@@ -55,7 +57,8 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, extend, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.verdict import FlightVerdict, Verdict, lasting
+from companion.analysis.standing import StandingFault, carried_on, standing_verdict
+from companion.analysis.verdict import FlightVerdict, Verdict
 from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S
 
@@ -65,12 +68,15 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
+    "STALE_S",
     "Agreement",
+    "Alarm",
     "Alignment",
     "Assessment",
     "AutopilotBias",
     "AutopilotError",
     "AxisNoise",
+    "Band",
     "Calibration",
     "Cause",
     "Change",
@@ -95,6 +101,7 @@ __all__ = [
     "Item",
     "Later",
     "Limits",
+    "LiveVerdict",
     "ModelFigure",
     "PoseError",
     "RedundantImu",
@@ -108,6 +115,8 @@ __all__ = [
     "SensorModel",
     "SensorSpec",
     "Spread",
+    "StandingFault",
+    "State",
     "Statistic",
     "Verdict",
     "WindowErrors",
@@ -117,8 +126,10 @@ __all__ = [
     "assess",
     "autopilot_bias",
     "autopilot_error",
+    "believable",
     "by_severity",
     "calibrate",
+    "carried_on",
     "clip_counts",
     "compare",
     "contrast",
@@ -133,7 +144,6 @@ __all__ = [
     "imu_noise",
     "inventory",
     "known_from",
-    "lasting",
     "left_out",
     "newest_stands_out",
     "noise_in_flight",
@@ -147,6 +157,7 @@ __all__ = [
     "reported_by",
     "rests",
     "rpe",
+    "standing_verdict",
     "trailing",
     "used_aiding",
     "used_imus",

@@ -148,17 +148,9 @@ def _at_work(part: Explained, t: Array) -> Array:
     return np.asarray(at_work(part.shape, np.array([part.onset]), np.array([part.end]), t, t)[0])
 
 
-def bias_at_the_end(best: BestEstimate, kind: str) -> tuple[Array, Array]:
-    """(3,) and its 1σ: what a sensor of the IMU reads too much at the end, of itself and by what was explained.
-
-    kind: "gyro_bias", rad/s, or "accel_bias", m/s².
-    """
-    bias = np.median(getattr(best.states, kind), axis=0)
-    variance = np.median(getattr(best, f"{kind}_sigma"), axis=0) ** 2
-    for part in (one for one in best.explained if one.kind == kind):
-        share = float(_at_work(part, best.t[-1:])[0])
-        bias, variance = bias + share * part.size, variance + (share * part.sigma) ** 2
-    return bias, np.sqrt(variance)
+def share_at(part: Explained, t: float) -> float:
+    """How much of the size of what was explained is there at a time, s."""
+    return float(_at_work(part, np.array([t]))[0])
 
 
 def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimate) -> Array:

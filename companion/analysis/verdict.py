@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, bias_at_the_end, percent
+from companion.analysis.fault_interval import percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.undetected import harmful_undetected
 from companion.analysis.without_windows import too_few_windows, unseen, would_show
 from companion.constants import num, priors
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate
 from companion.model import brief
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -81,8 +81,8 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
     if causes:
         first = _first(causes)
-        told = f"Suspect the autopilot's estimate: {_headline(first)}. {unjudged}"
-        return Verdict("autopilot_suspect", told, findings, _cause(first))
+        told = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
+        return Verdict("autopilot_suspect", told, findings, cause_told(first))
     doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 
@@ -120,8 +120,8 @@ def _decided(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        cause = _cause(first)
-        told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        cause = cause_told(first)
+        told = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
         told += _all_the_same(judged, source)
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
@@ -166,48 +166,6 @@ def _all_the_same(judged: Agreement, source: str) -> str:
     What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
     """
     return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
-
-
-def lasting(
-    verdict: Verdict, suspected: Cause | None, sound: BestEstimate | None, best: BestEstimate | None
-) -> Verdict:
-    """The verdict on a later piece of a flight: a bias that was found before is no less a fault while it lasts.
-
-    Where its onset lies before the piece, a bias looks like what a calibration has left; and what the autopilot was
-    misled by looks like its own.
-    suspected: whom the last piece that could be judged speaks against. sound, best: the best estimates of the last
-    piece in which nobody was suspect, and of this one.
-    """
-    if verdict.status == "imu_suspect" or suspected is None or sound is None or best is None:
-        return verdict
-    sensor = suspected.sensor
-    if suspected.side != "imu" or sensor not in BIAS_UNITS or sound.imu.source != best.imu.source:
-        return verdict
-    kind = kind_of(f"{sensor}_bias")
-    (then, before), (now, after) = (bias_at_the_end(one, kind.name) for one in (sound, best))
-    axis = int(np.argmax(np.abs(now - then)))
-    size, sigma = float((now - then)[axis]), float(np.hypot(before, after)[axis])
-    if abs(size) < max(kind.least, num.SIGMAS * sigma):
-        return verdict
-    unit, scale, decimals = BIAS_UNITS[sensor]
-    words = (
-        f"{SENSORS[sensor]} {'xyz'[axis]} reads {size * scale:.{decimals}f} ± {sigma * scale:.{decimals}f} {unit} more "
-        f"than until {sound.t[-1]:.1f} s, when nobody was suspect"
-    )
-    begin, end = float(best.t[0]), float(best.t[-1])
-    cause = Cause(
-        kind.name,
-        "imu",
-        suspected.onset_s,
-        onset_sigma_s=suspected.onset_sigma_s,
-        sensor=sensor,
-        axis="xyz"[axis],
-        size=abs(size),
-        sigma=sigma,
-        unit=kind.unit,
-    )
-    finding = Finding(kind.name, "imu", "error", begin, end, words, "", words, cause)
-    return Verdict("imu_suspect", f"Suspect the IMU: {words}.", (finding, *verdict.findings), cause)
 
 
 def _faults_told(probability: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -276,20 +234,21 @@ def _first(causes: Sequence[Finding]) -> Finding:
 
     causes: in order of time. The other then takes up what the model of this one leaves.
     """
-    first = _cause(causes[0])
+    first = cause_told(causes[0])
     if not first.sensor or not first.onset_sigma_s:
         return causes[0]
     latest = first.onset_s + num.SIGMAS * first.onset_sigma_s
-    together = [f for f in causes if f.start_s <= latest and _cause(f).sensor == first.sensor]
-    return min(together, key=lambda f: _cause(f).onset_sigma_s or 0.0)
+    together = [f for f in causes if f.start_s <= latest and cause_told(f).sensor == first.sensor]
+    return min(together, key=lambda f: cause_told(f).onset_sigma_s or 0.0)
 
 
-def _headline(finding: Finding) -> str:
+def headline_of(finding: Finding) -> str:
     """What is wrong and when, without the rivals and consequences that stand in the finding."""
     if finding.headline and finding.cause is not None:
         return finding.headline  # has its time, with how sure it is
     return f"{finding.headline or finding.evidence}, from {finding.start_s:.1f} to {finding.end_s:.1f} s"
 
 
-def _cause(finding: Finding) -> Cause:
+def cause_told(finding: Finding) -> Cause:
+    """What is wrong, in numbers; without a size where the finding has none."""
     return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)

@@ -9,6 +9,8 @@ from companion.constants import num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import counted
 
+_ANY = 100.0  # times the size that such faults have: no sensor reads so much
+
 
 def unseen(best: BestEstimate | None, no_windows: str) -> str:
     """Why the best estimate does not speak for windows that there are not; "" where it does.
@@ -34,6 +36,8 @@ def _biases(best: BestEstimate) -> dict[str, float]:
 
 def _bias_of(sensor: str, best: BestEstimate) -> str:
     unit, scale, decimals = BIAS_UNITS[sensor]
+    if _biases(best)[sensor] > _ANY * kind_of(f"{sensor}_bias").prior:
+        return f"any bias of the {SENSORS[sensor]}"
     return f"a bias of the {SENSORS[sensor]} of {scale * _biases(best)[sensor]:.{decimals}f} {unit}"
 
 

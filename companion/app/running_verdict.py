@@ -20,23 +20,37 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import IO, Self
 
 import msgspec
 
-from companion.analysis import Cause, Verdict, expected_by_age, lasting
+from companion.analysis import (
+    Assessment,
+    Band,
+    LiveVerdict,
+    StandingFault,
+    Verdict,
+    believable,
+    carried_on,
+    expected_by_age,
+    phases,
+    standing_verdict,
+)
 from companion.app.examination import assess_imu
-from companion.app.live import Band, Judge, Judging, LiveVerdict, Pace
+from companion.app.live import Judges, Judging, NothingYetError
 from companion.app.resources import give_back
 from companion.app.settings import Settings
+from companion.constants import num
 from companion.estimation import BestEstimate
 from companion.mavlink import Frames
-from companion.model import Flight
+from companion.model import DataError, Flight, counted
 
 _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: as often as the newest is looked at
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
+_BEGINS_S = 30.0  # since arming or take-off: what a verdict rests on is only gathered then
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"
@@ -49,7 +63,7 @@ class Assignment:
     settings: Settings
     imu: str | None = None  # the message; None: the flight's default
     ages_s: tuple[float, ...] = ()  # since an anchor, for which to say what is expected
-    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the one with the most IMU samples
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU; "all": each
 
 
 _Given = tuple[bytes, float] | Assignment
@@ -60,7 +74,8 @@ class RunningVerdict:
     """Judges until `close`, again and again. Every method answers at once."""
 
     def __init__(self, assignment: Assignment) -> None:
-        self.live_verdict = LiveVerdict("", "the first verdict comes when three windows of 5 s are complete", 0.0)
+        self._verdicts = {"": LiveVerdict("", "the first verdict comes when three windows of 5 s are complete")}
+        self._several = assignment.vehicle == "all"
         self._ahead = 0.0  # s, of the stamps of what arrives over `time.monotonic()`
         self._waiting: deque[_Given] = deque([assignment], _MOST_WAITING)
         self._closing = threading.Event()
@@ -78,10 +93,18 @@ class RunningVerdict:
         for thread in self._threads:
             thread.start()
 
+    def read(self, vehicle: str = "", *, silent: bool = False) -> LiveVerdict:
+        """What is said of a vehicle, with its age; "": of the first. silent: whether nothing comes on the link now."""
+        said = self._verdicts  # replaced as a whole, never changed
+        first = next(iter(said.values()))
+        one = said.get(vehicle, LiveVerdict("", f"vehicle {vehicle} is not judged yet")) if vehicle else first
+        age_s = max(time.monotonic() + self._ahead - one.newest, 0.0) if one.newest else 0.0
+        return replace(one, age_s=age_s, silent=silent)
+
     @property
-    def age_s(self) -> float:
-        """How old the data are that the live_verdict rests on, s."""
-        return max(time.monotonic() + self._ahead - self.live_verdict.newest, 0.0) if self.live_verdict.newest else 0.0
+    def vehicles(self) -> tuple[str, ...]:
+        """Those of which something is said, the first first; "" alone where nothing is yet."""
+        return tuple(self._verdicts)
 
     def receive(self, receipts: Iterable[tuple[Frames, float]]) -> None:
         """Take what has arrived."""
@@ -124,7 +147,9 @@ class RunningVerdict:
         assert self._process.stdout is not None
         with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # it has ended, perhaps in a sentence
             while True:
-                self.live_verdict = pickle.load(self._process.stdout)
+                said: LiveVerdict = pickle.load(self._process.stdout)
+                known = {who: one for who, one in self._verdicts.items() if who and self._several}
+                self._verdicts = {**known, said.vehicle: said} if said.vehicle or not known else known
 
 
 def _send(stream: IO[bytes], one: object) -> None:
@@ -145,19 +170,16 @@ def _judge_until_the_end(given: IO[bytes], answers: IO[bytes]) -> None:
     inbox: queue.SimpleQueue[_Given | None] = queue.SimpleQueue()
     assignment = pickle.load(given)
     threading.Thread(target=_listen, args=(given, inbox), daemon=True).start()
-    judge = judge_of(assignment)
-    pace = Pace(judge)
+    judges = judges_of(assignment)
     while True:
         for one in _arrived(inbox):
             if one is None:
                 return
             if isinstance(one, Assignment):
-                judge.verdict_on, judge.imu, judge.vehicle = _verdict_on(one), one.imu, one.vehicle
-                judge.forget()
-                pace.at_once()
+                judges.choose(partial(verdict_on, one), one.imu)
             else:
-                judge.hear(*one)
-        live_verdict = pace.step(time.monotonic())
+                judges.hear(*one)
+        live_verdict = judges.step(time.monotonic())
         if live_verdict is not None:
             with contextlib.suppress(OSError):
                 _send(answers, live_verdict)
@@ -197,11 +219,11 @@ def _listen(given: IO[bytes], inbox: queue.SimpleQueue[_Given | None]) -> None:
     inbox.put(None)
 
 
-def judge_of(assignment: Assignment) -> Judge:
-    """Who judges as an assignment says."""
+def judges_of(assignment: Assignment) -> Judges:
+    """Who judge as an assignment says."""
     log = assignment.settings.log
-    return Judge(
-        _verdict_on(assignment),
+    return Judges(
+        partial(verdict_on, assignment),
         dialect=log.dialect,
         dequantise=log.dequantise,
         imu=assignment.imu,
@@ -209,7 +231,7 @@ def judge_of(assignment: Assignment) -> Judge:
     )
 
 
-def _verdict_on(assignment: Assignment) -> Judging:
+def verdict_on(assignment: Assignment) -> Judging:
     """The analysis of a log, at the one horizon that the verdict needs."""
     drift = msgspec.structs.replace(assignment.settings.drift, horizons_s=(5.0,))
     settings = msgspec.structs.replace(assignment.settings, drift=drift)
@@ -218,20 +240,30 @@ def _verdict_on(assignment: Assignment) -> Judging:
     of: tuple[str, int, str] | None = None  # whose band it is
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
-    sound: BestEstimate | None = None  # the last in which nobody was suspect
-    suspected: Cause | None = None
+    standing: tuple[StandingFault, ...] = ()
+    since = 0.0  # s, boot clock, when the vehicle was first heard
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made, before, sound, suspected
+        nonlocal band, of, made, before, standing, since
         end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
         if now != of:
-            before = sound = suspected = None
-        assessment = assess_imu(flight, settings, imu=imu, before=before)
-        before, verdict = assessment.best, lasting(assessment.verdict, suspected, sound, assessment.best)
-        if verdict.status == "consistent":
-            sound = assessment.best
-        if verdict.status != "insufficient_data":
-            suspected = verdict.cause
+            before = None
+        if of is None or now[:2] != of[:2]:
+            standing, since = (), flight.start
+        try:
+            assessment = assess_imu(flight, settings, imu=imu, before=before)
+        except DataError as why:
+            of = now
+            if not standing:
+                raise
+            return standing_verdict(standing, Verdict("insufficient_data", str(why), ())), band
+        before = assessment.best
+        own = believable(assessment.verdict, flight)
+        standing = carried_on(standing, flight, own, assessment.best)
+        verdict = standing_verdict(standing, own)
+        if verdict.status == "insufficient_data" and (begun := _just_begun(flight, assessment, since)):
+            of = now
+            raise NothingYetError(begun)
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
             rows = expected_by_age(assessment, assignment.ages_s).tolist()
@@ -239,3 +271,22 @@ def _verdict_on(assignment: Assignment) -> Judging:
         return verdict, band
 
     return judged
+
+
+def _just_begun(flight: Flight, assessment: Assessment, since: float) -> str:
+    """Why a flight cannot be judged yet that has only begun: it has too few windows; "" for any other.
+
+    since: s, boot clock, when the vehicle was first heard.
+    """
+    judged = assessment.agreements[num.JUDGED_S]
+    if judged.windows >= num.MIN_WINDOWS or any(f.kind == "rate_too_low" for f in assessment.verdict.findings):
+        return ""
+    part, end = phases(flight)[-1], flight.start + flight.duration
+    armed = max((event.t for event in flight.events if event.kind == "armed"), default=-math.inf)
+    takes_off = part.kind == "flight" and part.start > flight.start  # what began before the piece began long ago
+    begun = {"heard": since, "armed": armed, "in the air": part.start if takes_off else -math.inf}
+    where = max(begun, key=lambda name: begun[name])
+    if end - begun[where] > _BEGINS_S:
+        return ""
+    windows = f"{counted(judged.windows, 'window')} of {num.JUDGED_S:g} s"
+    return f"{where} for {end - begun[where]:.0f} s: {windows} of the {num.MIN_WINDOWS} that a verdict needs"

@@ -10,6 +10,7 @@ import subprocess
 import time
 from typing import Any
 
+from companion.analysis import LiveVerdict
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.cli import live, options, parsers
 from companion.links import Recorder, Session, announce
@@ -60,21 +61,21 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
     command = _command(arguments.on_change or "")
     choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
-    vehicle = None if arguments.vehicle == "all" else arguments.vehicle
     with (
         live.until_signal() as ended,
         live.open_link(arguments.link, arguments, settings, patience, ended) as link,
         contextlib.nullcontext() if arguments.no_record else Recorder(arguments.output) as recorder,
-        RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=vehicle)) as verdict,
+        RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=arguments.vehicle)) as verdict,
     ):
         link.announces = arguments.announce
         session = Session(link, choice=choice, recorder=recorder, remember=True)
         session.listen(lambda frames, received: verdict.receive([(frames, received)]))
-        lines = _Lines(session, verdict, _Changes(session, command, announces=arguments.announce))
+        lines = _Lines(session, verdict, command, announces=arguments.announce)
         end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
         while not ended() and time.monotonic() < end and not patience.over(link.health.frames):
             session.step()
             session.beside(lines.show)
+        verdict.close()  # what it still judges would only hold up the end
         restored = session.leave()
         for sentence in session.reported:
             live.say(sentence)
@@ -82,8 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
         return live.nothing_received()
     if not restored or (recorder is not None and recorder.problem):
         return 2
-    status, _ = verdict.live_verdict.so_far
-    return options.exit_code(arguments.fail_on, [status])
+    last = lines.last
+    statuses = [one.so_far[0] for one in last]
+    if arguments.fail_on == "insufficient":  # an old verdict is none
+        statuses += [one.now[0] for one in last if one.is_stale]
+    return options.exit_code(arguments.fail_on, statuses)
 
 
 def _command(text: str) -> list[str]:
@@ -95,29 +99,54 @@ def _command(text: str) -> list[str]:
 
 
 class _Lines:
-    """What is printed on stdout: a line when the verdict changes, and one a second."""
+    """What is printed on stdout: of each vehicle a line when its verdict changes, and one a second."""
 
-    def __init__(self, session: Session, verdict: RunningVerdict, changes: _Changes) -> None:
-        self._session, self._verdict, self._changes = session, verdict, changes
-        self._due, self._seen = 0.0, verdict.live_verdict
+    def __init__(self, session: Session, verdict: RunningVerdict, command: list[str], *, announces: bool) -> None:
+        self._session, self._verdict = session, verdict
+        self._command, self._announces = command, announces
+        self._due = 0.0
+        self._changes: dict[str, _Changes] = {}  # of each vehicle
+        self._seen: dict[str, LiveVerdict] = {}
+
+    @property
+    def last(self) -> list[LiveVerdict]:
+        """What holds now, of every vehicle."""
+        silent = bool(self._session.link.problem)
+        return [self._verdict.read(vehicle, silent=silent) for vehicle in self._verdict.vehicles]
 
     def show(self) -> None:
         """Say what is new."""
         for sentence in self._session.reported:
             live.say(sentence)
         self._session.reported.clear()
-        live_verdict, now = self._verdict.live_verdict, time.monotonic()
-        if live_verdict is self._seen and now < self._due:
-            return
-        self._seen, line = live_verdict, _line(self._session, self._verdict)
-        changed = self._changes.take(line)
-        if changed or now >= self._due:
+        now, all_verdicts = time.monotonic(), self.last
+        due = now >= self._due
+        if due:
             self._due = now + _LINE_S
-            live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
+        for live_verdict in all_verdicts:
+            vehicle = live_verdict.vehicle
+            before = self._seen.get(vehicle)
+            new = before is None or (before.newest, before.now[0]) != (live_verdict.newest, live_verdict.now[0])
+            if not (new or due):
+                continue
+            if before is None and vehicle and any(self._seen):
+                live.say(f"vehicle {vehicle} is judged")
+            self._seen[vehicle] = live_verdict
+            line = _line(self._session, live_verdict)
+            changed = self._of(vehicle).take(line, several=len(all_verdicts) > 1)
+            if changed or due:
+                live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
+
+    def _of(self, vehicle: str) -> _Changes:
+        """Whom to tell of a vehicle's changes; what was said before it was known who it is counts for the first."""
+        if vehicle not in self._changes:
+            first = self._changes.pop("", None)
+            self._changes[vehicle] = first or _Changes(self._session, self._command, announces=self._announces)
+        return self._changes[vehicle]
 
 
 class _Changes:
-    """Tells others when the verdict changes: a command, the ground stations."""
+    """Tells others when the verdict on a vehicle changes: a command, the ground stations."""
 
     def __init__(self, session: Session, command: list[str], *, announces: bool) -> None:
         self._session, self._command, self._announces = session, command, announces
@@ -125,14 +154,14 @@ class _Changes:
         self._announced, self._announced_at = "", -_QUIET_S
         self._running: list[subprocess.Popen[str]] = []
 
-    def take(self, line: dict[str, Any]) -> bool:
-        """Whether the status is another than before."""
+    def take(self, line: dict[str, Any], *, several: bool = False) -> bool:
+        """Whether the status is another than before. several: whether other vehicles are judged too."""
         self._running = [process for process in self._running if process.poll() is None]
         changed = bool(line["status"] != self._status)
         self._status = line["status"]
         if changed and self._command:
             self._start(json.dumps(line, ensure_ascii=False))
-        self._announce(line)
+        self._announce(line, f" ({line['vehicle']})" if several else "")
         return changed
 
     def _start(self, text: str) -> None:
@@ -147,7 +176,7 @@ class _Changes:
                 process.stdin.write(text)  # less than a pipe holds, so nobody is waited for
                 process.stdin.close()
 
-    def _announce(self, line: dict[str, Any]) -> None:
+    def _announce(self, line: dict[str, Any], of: str) -> None:
         status, now = line["status"], time.monotonic()
         if not self._announces or status not in _WORDS or status == self._announced:
             return
@@ -157,21 +186,23 @@ class _Changes:
         if now - self._announced_at < _QUIET_S or line["age_s"] > _FORGOTTEN_S:
             return
         self._announced, self._announced_at = status, now
-        self._session.link.send(announce(_WORDS[status], alarm=status != "consistent"))
+        words = announce(f"{_WORDS[status]}{of}", alarm=status != "consistent")
+        self._session.link.send(words, aboard=int(line["vehicle"].partition(":")[0] or 0) or None)
 
 
-def _line(session: Session, verdict: RunningVerdict) -> dict[str, Any]:
-    """What there is to say, in plain values."""
-    live_verdict, report = verdict.live_verdict, session.report()
-    status, text = live_verdict.so_far
+def _line(session: Session, live_verdict: LiveVerdict) -> dict[str, Any]:
+    """What there is to say of a vehicle, in plain values."""
+    report = session.report()
+    (now, text), (status, text_so_far) = live_verdict.now, live_verdict.so_far
     return {
         "time": round(time.time(), 3),
         "vehicle": live_verdict.vehicle,
-        "status": live_verdict.status,
-        "text": live_verdict.text,
-        "age_s": round(verdict.age_s, 1),
+        "status": now,
+        "text": text,
+        "last_status": live_verdict.status,
+        "age_s": round(live_verdict.age_s, 1),
         "status_so_far": status,
-        "text_so_far": text,
+        "text_so_far": text_so_far,
         "alarms": [
             {"status": alarm.status, "text": alarm.text, "first": round(alarm.first, 1), "last": round(alarm.last, 1)}
             for alarm in live_verdict.alarms

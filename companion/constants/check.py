@@ -114,7 +114,6 @@ TURN_PART = 0.14  # of a stretch, over which the attitude turns: a step is in le
 STUCK_RATE_HZ = 20.0
 MOTION_MEAN_S = 0.2  # means of another IMU's readings, whose noise is not the vehicle's motion
 SOME_STEPS = 10.0  # of quantisation
-FEW_STEPS = 8.0
 STUCK_MIN_SAMPLES = 2  # of another IMU
 STUCK_MIN_SECONDS = 3
 STEP_ROUNDING = 1.01  # for sums of floats are no whole steps

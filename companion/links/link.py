@@ -33,6 +33,7 @@ _GATHER_S = 0.02  # between two readings: one decoding for what arrives in betwe
 _NOISE_BYTES = 200
 _OPEN = ("udpin", "udpout", "tcpin")  # anybody can send to these: noise of a stranger is not the vehicle's silence
 _MOST_SENDERS = 256  # whose frames are counted where twice as many speak: those that said the most
+_LATELY_S = 10.0  # over which it is counted what is lost
 _REMEMBER_S, _REMEMBERED = 1.0, 60  # how often what is lost is noted, and how many notes are kept
 
 
@@ -83,6 +84,8 @@ class Link:
         if listen_only and self.address.kind == "udpout":
             raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")
         self._packer = Packer(sysid, compid, dialect=dialect, signing_key=signing_key)
+        self._compid, self._dialect_name, self._signing_key = compid, dialect, signing_key
+        self._aboard: tuple[int, Packer] | None = None  # who speaks as a component of that system
         self._verifier = Verifier(signing_key) if signing_key is not None else None
         self._decoder = Decoder(self.dialect, stamped=False, unknown=True)
         self.health.damage = self._decoder.damage
@@ -90,6 +93,7 @@ class Link:
         self._patience_s = patience_s
         self._read_at = 0.0  # s of `time.monotonic()`, the last time
         self._sequence: dict[tuple[int, int], tuple[int, int]] = {}  # last, and how far it is behind the highest
+        self._shares: dict[tuple[int, int], tuple[float, int, int, float]] = {}  # s when, lost, received by then, share
         self._counted: dict[tuple[int, int], deque[tuple[float, int]]] = {}  # s when, and how many were lost by then
         self._port = open_port(self.address)
 
@@ -147,8 +151,12 @@ class Link:
         self._check_speech()
         return frames
 
-    def send(self, request: Request) -> None:
+    def send(self, request: Request, *, aboard: int | None = None) -> None:
         """Send a request; nothing when the link only listens. As MAVLink 1 to who speaks nothing else.
+
+        aboard: the system id of a vehicle, to speak as a component of it: of words for people alone, which ground
+        stations show only of the vehicle's own system (QGroundControl `Vehicle::_mavlinkMessageReceived`, MAVProxy
+        `message_is_from_primary_vehicle`).
 
         A heartbeat goes out as MAVLink 2 too, for ArduPilot and PX4 begin with 1 and change over when they hear 2.
         """
@@ -156,10 +164,23 @@ class Link:
             return
         if request.name == ANNOUNCEMENT and not self.announces:
             raise ForbiddenMessageError(f"companion sends {ANNOUNCEMENT} only where it was asked to announce")
+        if aboard is not None and request.name != ANNOUNCEMENT:
+            raise ForbiddenMessageError(f"companion sends {request.name} as itself")
+        packer = self._packer if aboard is None else self._packer_aboard(aboard)
         modern = self._modern or not self.health.frames
         for version in (2,) if modern else (1, 2) if request.name == "HEARTBEAT" else (1,):
-            self._port.write(self._packer.pack(request.name, request.fields, version=version))
+            self._port.write(packer.pack(request.name, request.fields, version=version))
         self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
+
+    def lost_lately(self, sender: tuple[int, int]) -> float:
+        """The share of a sender's frames that was lost in the last ten seconds, 0 to 1."""
+        now, lost = time.monotonic(), self.health.lost.get(sender, 0)
+        if now - self._shares.get(sender, (0.0, 0, 0, 0.0))[0] > _LATELY_S:
+            _, lost_then, received_then, _ = self._shares.get(sender, (0.0, 0, 0, 0.0))
+            missing, came = lost - lost_then, self.health.received.get(sender, 0) - received_then
+            share = max(missing, 0) / max(missing + came, 1)
+            self._shares[sender] = (now, lost, received_then + came, share)
+        return self._shares[sender][3]
 
     def restarted(self, sender: tuple[int, int], when: float) -> None:
         """A vehicle has rebooted, s of `time.monotonic()`: its sequence began anew, which is no loss."""
@@ -169,6 +190,13 @@ class Link:
             if before:
                 self._counted[sender] = deque([(when, before)], maxlen=_REMEMBERED)
         self._sequence.pop(sender, None)
+
+    def _packer_aboard(self, sysid: int) -> Packer:
+        """Who speaks as a component of a vehicle: with a sequence of its own."""
+        if self._aboard is None or self._aboard[0] != sysid:
+            packer = Packer(sysid, self._compid, dialect=self._dialect_name, signing_key=self._signing_key)
+            self._aboard = sysid, packer
+        return self._aboard[1]
 
     def close(self) -> None:
         """Give the port back."""

@@ -74,7 +74,8 @@ STREAMS = {row.name: row.stream for row in TABLE if row.stream}
 """Message → MAV_DATA_STREAM."""
 
 _FRAME_BYTES = 12  # MAVLink 2: header and CRC
-_SHARE = 0.7  # of a line's bytes that we may fill: others use it too
+SHARE = 0.7
+"""Of a line's bytes that we may fill: others use it too."""
 
 
 def desired_from(
@@ -91,7 +92,12 @@ def load(desired: Mapping[str, float], dialect: Dialect) -> float:
     return sum(hz * _size(name, dialect) for name, hz in desired.items())
 
 
-def fit(desired: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Desired, str]:
+def fit(
+    desired: Mapping[str, float],
+    dialect: Dialect,
+    bytes_per_second: float | None,
+    advice: str = "Use a faster baud rate.",
+) -> tuple[Desired, str]:
     """What of it a line carries, and a sentence when that is less.
 
     From the last row of the table to the first each message is lowered as far as is needed, to its least rate or out
@@ -100,9 +106,9 @@ def fit(desired: Mapping[str, float], dialect: Dialect, bytes_per_second: float 
     """
     desired = {name: hz for name, hz in desired.items() if name in dialect.by_name}
     needed = load(desired, dialect)
-    if bytes_per_second is None or needed <= _SHARE * bytes_per_second:
+    if bytes_per_second is None or needed <= SHARE * bytes_per_second:
         return desired, ""
-    left, over = dict(desired), needed - _SHARE * bytes_per_second
+    left, over = dict(desired), needed - SHARE * bytes_per_second
     for row in reversed(TABLE):
         if row.name in left and over > 0:
             hz, size = left[row.name], _size(row.name, dialect)
@@ -111,11 +117,11 @@ def fit(desired: Mapping[str, float], dialect: Dialect, bytes_per_second: float 
             over -= (hz - left[row.name]) * size
     left = {name: hz for name, hz in left.items() if hz}
     if over > 1e-6:
-        share = _SHARE * bytes_per_second / load(left, dialect)
+        share = SHARE * bytes_per_second / load(left, dialect)
         left = {name: hz * share for name, hz in left.items()}
     return left, (
         f"the line carries {bytes_per_second:,.0f} bytes/s and the wanted messages need {needed:,.0f}: "
-        f"{_changes(desired, left)}. Use a faster baud rate."
+        f"{_changes(desired, left)}. {advice}"
     )
 
 

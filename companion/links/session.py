@@ -247,6 +247,8 @@ class Session:
         for target, vehicle in self.requested.items():
             before, ids = vehicle.started, (target.sysid, target.compid)
             vehicle.signs = ids in self.link.health.signers
+            if vehicle.rates is not None:
+                vehicle.rates.lost_share = self.link.lost_lately(ids)
             vehicle.receive(messages, now)
             if vehicle.started is not None and vehicle.started != before:
                 self.link.restarted(ids, vehicle.started)

@@ -24,6 +24,7 @@ _BUFFER = 1 << 22  # bytes asked of the kernel, so that a busy moment loses no d
 _PEERS = 32  # that are remembered at most
 _PEER_S = 30.0  # a UDP peer that has been silent for longer is not answered any more
 _CONNECT_S = 3.0
+_ANSWERS_S = 5.0  # a vehicle that is there sends a heartbeat each second
 _RECONNECT_S = 0.5
 _LAST_WORDS_S = 0.5  # for the rest of a message, when closing
 
@@ -42,6 +43,7 @@ class UdpPort:
         self._fixed = where if address.kind == "udpout" else None
         self._peers: dict[Any, float] = {}  # address → when it was heard last
         self._received = False  # whether anybody ever was
+        self._spoke: float | None = None  # s of `time.monotonic()`, when it has first sent something
         self._room = memoryview(bytearray(_READ))
         if address.kind == "udpin":
             _bind(self._socket, where, address)
@@ -49,7 +51,11 @@ class UdpPort:
 
     @property
     def problem(self) -> str:
-        return "" if self._received else "nobody has sent anything yet"
+        if self._received:
+            return ""
+        if self._fixed is None or self._spoke is None or time.monotonic() - self._spoke < _ANSWERS_S:
+            return "nobody has sent anything yet"
+        return "nothing comes back: nobody is there, or the port has another partner (each port of PX4 has one alone)"
 
     def wait(self, timeout_s: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout_s)[0])
@@ -80,6 +86,7 @@ class UdpPort:
             with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence
                 self._socket.sendto(data, peer)
                 sent = True
+                self._spoke = self._spoke or now
         return sent
 
     def close(self) -> None:

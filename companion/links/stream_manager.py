@@ -27,6 +27,7 @@ from companion.links.stream_request import (
     StreamRequest,
     slower,
 )
+from companion.links.thin_link import ThinLink
 from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
 
@@ -66,6 +67,8 @@ class StreamManager:
         self.stream_requests = [
             StreamRequest(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in desired.items()
         ]
+        self.lost_share = 0.0  # of the vehicle's frames, lately
+        self._thin = ThinLink(dialect, scales=not ardupilot)
         self.signed = False  # whether the vehicle signs, and we have no key
         self.reported: list[str] = [] if reported is None else reported  # for the user; emptied by whoever shows it
         self._own = own_sysid
@@ -114,6 +117,7 @@ class StreamManager:
                 self._streamed = now
             self._measure(message, now)
         self._notice_end(now)
+        self._lower(now)
         self.reported += self._gathered.sentences(now, complete=self.settled)
 
     def next_request(self, now: float) -> Request | None:
@@ -324,8 +328,19 @@ class StreamManager:
             self.reported.append(f"vehicle {self.target} sends nothing of what was agreed any more: asking again")
             self._start_again()
 
+    def _lower(self, now: float) -> None:
+        """Ask for what the link carries, the most important first, where it does not carry what was agreed."""
+        fitting, words = self._thin.fitting(self.stream_requests, self.lost_share, now)
+        if words:
+            self.reported.append(words)
+        for message in self.stream_requests:
+            if fitting.get(message.name, message.requested_hz) < message.requested_hz:
+                message.requested_hz, message.retries = fitting[message.name], 1
+                message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)
+
     def _start_again(self) -> None:
         """Everything that was agreed is gone; what there was before us is what to give back all the same."""
+        self._thin.start_again()
         self._waiting = self._streamed = None
         for message in self.stream_requests:
             message.requested_hz, message.retries, message.by_stream = message.desired_hz, 0, False

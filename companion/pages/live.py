@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import msgspec
 
-from companion.analysis import DriftRow
+from companion.analysis import DriftRow, LiveVerdict
 from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
-from companion.view import LONGEST_REANCHOR_S, LinkState, LiveVerdict, ReplayChoice, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, LinkState, ReplayChoice, Seen, StreamState
 
 _MOST_MESSAGES = 100  # that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
@@ -39,7 +39,8 @@ class LiveFeed:
             most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
         )
         self._settings = settings
-        self._verdict = RunningVerdict(self._assignment(vehicle))
+        self._shown = ""  # the vehicle that is looked at
+        self._verdict = RunningVerdict(self._assignment())
 
     @property
     def messages(self) -> Sequence[str]:
@@ -53,18 +54,18 @@ class LiveFeed:
     def choose(self, choice: ReplayChoice) -> None:
         self._choice = choice
         self._watch.choose(choice.imu, choice.integration)
-        self._verdict.assign(self._assignment(self._vehicle))
+        self._verdict.assign(self._assignment())
 
-    def _assignment(self, vehicle: str | None) -> Assignment:
-        """The verdict rests on what the page integrates."""
-        self._vehicle, how = vehicle, self._choice.how
+    def _assignment(self) -> Assignment:
+        """The verdict rests on what the page integrates; every vehicle is judged."""
+        how = self._choice.how
         chosen = msgspec.structs.replace(
             self._settings.integration, method=how.method, middle=how.middle, segments=how.segments
         )
         return Assignment(
             msgspec.structs.replace(self._settings, integration=chosen),
             imu=self._choice.imu,
-            vehicle=vehicle,
+            vehicle="all",
             ages_s=_AGES_S,
         )
 
@@ -109,10 +110,16 @@ class LiveFeed:
 
     @property
     def verdict(self) -> LiveVerdict:
-        live_verdict = self._verdict.live_verdict
-        return LiveVerdict(
-            live_verdict.status, live_verdict.text, self._verdict.age_s, *live_verdict.so_far, live_verdict.expected
-        )
+        return self._verdict.read(self._shown, silent=self._is_silent)
+
+    @property
+    def other_verdicts(self) -> Sequence[LiveVerdict]:
+        names = [name for name in self._verdict.vehicles if name not in ("", self._shown)]
+        return [self._verdict.read(name, silent=self._is_silent) for name in names] if self._shown else []
+
+    @property
+    def _is_silent(self) -> bool:
+        return bool(self._attachment.report.problem)
 
     def wait(self, timeout_s: float) -> None:
         self._attachment.wait(timeout_s)
@@ -128,8 +135,7 @@ class LiveFeed:
         if sighting is None:
             return None
         present = sighting.present
-        if (shown := str(present.flight.vehicle)) != self._vehicle:
-            self._verdict.assign(self._assignment(shown))
+        self._shown = str(present.flight.vehicle)
         return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:

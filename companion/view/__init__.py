@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes
-from companion.view.state.feed import Feed, LinkState, LiveVerdict, Seen, StreamState
+from companion.view.state.feed import Feed, LinkState, Seen, StreamState
 from companion.view.state.marks import Mark
 from companion.view.state.places import best_path
 from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, Worst, display_trajectory, worst_stretch
@@ -40,7 +40,6 @@ __all__ = [
     "Examine",
     "Feed",
     "LinkState",
-    "LiveVerdict",
     "LiveViewer",
     "Mark",
     "Offer",

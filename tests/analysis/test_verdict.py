@@ -12,9 +12,8 @@ import pytest
 
 import companion as c
 from benchmarks.accuracy.answer import answer
-from benchmarks.accuracy.cutting import cut
 from benchmarks.accuracy.labels import load_labels, outcome
-from companion.analysis import GENERIC, PARTS, Assessment, Finding, Verdict, assess, lasting
+from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
 from companion.analysis.comparison import compare
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.readings import reading_findings
@@ -557,37 +556,3 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
     assert seen.status == blind.status == "consistent"
     assert "GPS" not in seen.summary
     assert blind.summary.endswith("No GPS data: the position could not be verified.")
-
-
-@pytest.mark.parametrize("gone", [False, True])
-def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_piece(gone: bool) -> None:
-    """As on a link, where the last seconds are judged: what stands all through them looks calibrated."""
-    flight = flown(motions.circle(seconds(110, 50)))
-    begin, end = 45.0, 70.0 if gone else np.inf
-    spoilt = misread(flight, gyro=[0.0, 0.0, 0.015], begin=begin, end=end)
-    sound, onset, later = (assess(cut(spoilt, a, b), GENERIC) for a, b in ((10.0, 44.0), (20.0, 62.0), (78.0, 118.0)))
-    assert [one.verdict.status for one in (sound, onset, later)] == ["consistent", "imu_suspect", "consistent"]
-    said = lasting(later.verdict, onset.verdict.cause, sound.best, later.best)
-    if gone:
-        assert said is later.verdict
-        return
-    assert said.status == "imu_suspect"
-    assert said.cause is not None
-    assert (said.cause.kind, said.cause.axis) == ("gyro_bias", "z")
-    assert said.cause.size == pytest.approx(0.015, abs=2e-3)
-    assert said.cause.onset_s == pytest.approx(begin, abs=2.0)
-    misled = Verdict("autopilot_suspect", "whom the gyro misleads", ())
-    assert lasting(misled, onset.verdict.cause, sound.best, later.best).status == "imu_suspect"
-    assert lasting(onset.verdict, onset.verdict.cause, sound.best, later.best) is onset.verdict
-    assert "more than until 44.0 s, when nobody was suspect" in said.summary
-    assert lasting(later.verdict, None, sound.best, later.best) is later.verdict
-    assert later.best is not None
-    assert sound.best is not None
-    unsure = np.full(3, 0.006)  # of a bias of 15 mrad/s: less than three of either's 1σ
-    for before, now in (
-        (sound.best, replace(later.best, gyro_bias_sigma=unsure)),
-        (replace(sound.best, gyro_bias_sigma=unsure), later.best),
-    ):
-        assert lasting(later.verdict, onset.verdict.cause, before, now) is later.verdict
-    blamed = replace(onset.verdict.cause or said.cause, side="autopilot")
-    assert lasting(later.verdict, blamed, sound.best, later.best) is later.verdict

@@ -43,11 +43,11 @@ def test_a_fault_is_told_within_a_few_looks(verdict: RunningVerdict) -> None:
     vehicle = SimulatedVehicle(fly(80.0, faults=Faults(imu_bias=(40.0, 0.05))), streams=STREAMS)
     decoder = Decoder(load_dialect(), stamped=False)
     send(verdict, vehicle, 36.0, decoder)
-    wait_for(lambda: verdict.live_verdict.status == "consistent", "a verdict on a healthy flight")
-    assert verdict.age_s < 60.0
+    wait_for(lambda: verdict.read().status == "consistent", "a verdict on a healthy flight")
+    assert verdict.read().age_s < 60.0
     send(verdict, vehicle, 60.0, decoder)
-    wait_for(lambda: verdict.live_verdict.status == "imu_suspect", "the gyro's bias")
-    status, text = verdict.live_verdict.so_far
+    wait_for(lambda: verdict.read().status == "imu_suspect", "the gyro's bias")
+    status, text = verdict.read().so_far
     assert status == "imu_suspect"
     assert "gyro z" in text
 
@@ -78,4 +78,4 @@ def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdic
     verdict._process.wait()
     vehicle = SimulatedVehicle(fly(20.0), streams=STREAMS)
     send(verdict, vehicle, 15.0, Decoder(load_dialect(), stamped=False))
-    assert verdict.live_verdict.status == ""
+    assert verdict.read().status == ""

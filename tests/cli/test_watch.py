@@ -70,7 +70,7 @@ def test_it_waits_for_the_vehicle_and_fails_when_none_comes(capsys: pytest.Captu
 
 
 def line_of(status: str, age_s: float = 0.0) -> dict[str, Any]:
-    return {"status": status, "age_s": age_s}
+    return {"vehicle": "1:1", "status": status, "age_s": age_s}
 
 
 def test_ground_stations_are_told_of_changes_and_not_of_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,8 @@ def test_ground_stations_are_told_of_changes_and_not_of_more(monkeypatch: pytest
     class Recorded:
         class link:  # noqa: N801
             @staticmethod
-            def send(request: Any) -> None:
+            def send(request: Any, *, aboard: int) -> None:
+                assert aboard == 1, "the vehicle's own system"
                 sent.append(request.fields["text"].decode())
 
     changes = watch._Changes(Recorded, [], announces=True)  # type: ignore[arg-type]

@@ -224,6 +224,22 @@ def test_words_for_people_are_sent_only_where_that_was_asked_for(udp: Link) -> N
     assert len(heard.text) == 50
 
 
+def test_words_for_people_come_from_the_vehicle_s_own_system_and_nothing_else_does(udp: Link) -> None:
+    """QGroundControl shows no other's: messages of a system that is no vehicle of its are dropped."""
+    udp.announces = True
+    with udp_peer(udp.port) as peer:
+        peer.send(next(link_frames(1)))
+        frames_until(udp, 1)
+        for _ in range(2):
+            udp.send(requests.announce("IMU SUSPECT", alarm=True), aboard=7)
+        first, second = decoded(peer.heard())
+        with pytest.raises(ForbiddenMessageError, match="as itself"):
+            udp.send(requests.heartbeat(), aboard=7)
+        assert peer.heard_late() == b""
+    assert (first.get_srcSystem(), first.get_srcComponent()) == (7, 191)
+    assert (second.get_seq() - first.get_seq()) % 256 == 1
+
+
 def test_a_listener_sends_nothing() -> None:
     with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
         peer.send(next(link_frames(1)))
@@ -280,6 +296,15 @@ def test_udpout_speaks_first_and_hears_the_answer() -> None:
             assert [m.get_type() for m in decoded(data)] == ["HEARTBEAT"]
             server.sendto(next(link_frames(1)), peer)
             frames_until(link, 1)
+
+
+def test_a_partner_that_never_answers_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PX4's port has one partner: who comes second gets nothing."""
+    monkeypatch.setattr("companion.links.sockets._ANSWERS_S", 0.05)
+    with Link(f"udpout:127.0.0.1:{free_port()}") as link:
+        assert link.problem == "nobody has sent anything yet"
+        link.send(requests.heartbeat())
+        wait_for(lambda: "another partner" in link.problem)
 
 
 def test_udpout_to_a_closed_port_waits_for_it_to_open() -> None:

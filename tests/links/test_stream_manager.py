@@ -626,3 +626,45 @@ def hearing(rates: StreamManager) -> Callable[..., None]:
         rates.receive(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
 
     return receive
+
+
+class ThinConversation(Conversation):
+    """Over a link that carries so many bytes a second and drops the rest; nothing is said of that anywhere."""
+
+    def __init__(self, bytes_per_second: float, **manners: Any) -> None:
+        super().__init__(200.0, **manners)
+        self._carries, self._room = bytes_per_second, 0.0
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.t += STEP_S
+            self._room = min(self._room + self._carries * STEP_S, self._carries)
+            sent, carried = 0, []
+            for _, packet in self.vehicle.advance(self.t):
+                sent += 1
+                if self._room >= len(packet):
+                    self._room -= len(packet)
+                    carried.append(packet)
+            self.rates.lost_share += 0.02 * (1.0 - len(carried) / max(sent, 1) - self.rates.lost_share)  # over 5 s
+            self.rates.receive(split_messages(self._decoder.push(b"".join(carried)), DIALECT), self.t)
+            if request := self.rates.next_request(self.t):
+                self.vehicle.receive(self._packer.pack(request.name, request.fields))
+
+
+@pytest.mark.parametrize("manners", [{}, {"autopilot": "px4"}], ids=["ArduPilot", "PX4"])
+def test_what_a_thin_link_drops_is_asked_for_less_the_most_important_last(manners: dict[str, str]) -> None:
+    wanted = desired_from("PX4" if manners else "ARDUPILOTMEGA")
+    talk = ThinConversation(6000.0, wanted=wanted, **manners)
+    talk.run(120.0)
+    requested = {one.name: one.requested_hz for one in talk.rates.stream_requests}
+    assert "Whoever shares the link has the rest" in talk.reported()
+    assert load(requested, DIALECT) < 0.7 * load(wanted, DIALECT)
+    imu, least = next(iter(wanted)), "HIGHRES_IMU"
+    assert requested[imu] / wanted[imu] > 2.0 * requested[least] / wanted[least]
+
+
+def test_a_link_that_carries_everything_is_left_alone() -> None:
+    talk = ThinConversation(1e6)
+    talk.run(60.0)
+    assert "shares the link" not in talk.reported()
+    assert all(one.requested_hz == one.desired_hz for one in talk.rates.stream_requests)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import viser
 
-from companion.analysis import DriftRow
+from companion.analysis import DriftRow, LiveVerdict
 from companion.analysis.free_run import FreeState
 from companion.model import Flight
 from companion.model.tracks import NavState
-from companion.view import LinkState, LiveVerdict, LiveViewer, ReplayChoice, Seen
+from companion.view import LinkState, LiveViewer, ReplayChoice, Seen
 from companion.view.live_controller import LiveController
 from companion.view.panels import live_text
 from tests.simulated import free_port
@@ -34,6 +34,7 @@ class Script:
     link: LinkState = field(default_factory=lambda: LinkState("a link"))
     drift: tuple[DriftRow, ...] = ()
     verdict: LiveVerdict = field(default_factory=lambda: LiveVerdict("", ""))
+    other_verdicts: tuple[LiveVerdict, ...] = ()
 
     def wait(self, timeout_s: float) -> None:
         """It is all there."""

@@ -7,6 +7,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from companion.analysis import LiveVerdict
 from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
@@ -20,7 +21,6 @@ from companion.view.charts.flight_charts import (
 from companion.view.charts.log_charts import NOISE_TITLES, LogChart, LogDrawing, drift_drawings, noise_drawings
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block
-from companion.view.state.feed import LiveVerdict
 from companion.view.state.history import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 

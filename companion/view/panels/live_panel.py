@@ -82,7 +82,7 @@ class LivePanel:
         update(self._verdict, content=live_text.verdict(feed.verdict, state, feed.why_not))
         update(self._link, content=live_text.link(state, feed.why_not, held_s))
         update(self._health, content=live_text.health(state))
-        update(self._drift, content=live_text.drift(feed.drift, feed.verdict))
+        update(self._drift, content=live_text.drift(feed.drift, feed.verdict, feed.other_verdicts))
         update(self._messages, content=live_text.messages(feed.messages))
         vehicles = tuple(feed.vehicles)
         if vehicles and vehicles != self._vehicles:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from companion.analysis import DriftRow, Statistic
+from companion.analysis import DriftRow, LiveVerdict, Statistic
 from companion.present import palette, words
 from companion.view.panels.markup import (
     badge,
@@ -20,17 +20,17 @@ from companion.view.panels.markup import (
     waiting,
     wrapped,
 )
-from companion.view.state.feed import LinkState, LiveVerdict
+from companion.view.state.feed import LinkState
 from companion.view.state.history import FreeRun
 from companion.view.state.trajectory import Sample
 
-_OLD_S = 5.0  # from which age on a verdict says how old it is
+_ALARMS = ("imu_suspect", "autopilot_suspect")
 
 
 def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
-    if now.status and not state.problem:
-        return banner(now.status, now.text + _age(now), stale=_is_stale(now))
+    if now.status and (now.is_stale or not state.problem):
+        return banner(now.status, _with_age(now), stale=_is_dimmed(now))
     if state.problem:
         return waiting(f"NO VERDICT – {state.problem}")
     return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
@@ -117,10 +117,11 @@ def health(state: LinkState) -> str:
     return table(("Message", wrapped("received / requested"), ""), rows) + block(lines(rest))
 
 
-def drift(rows: Sequence[DriftRow], now: LiveVerdict) -> str:
-    """The verdicts now and so far, and the drift table: medians."""
-    head = _verdict("Now", now.status, now.text + _age(now), stale=_is_stale(now))
-    head += _verdict("So far", now.status_so_far, now.text_so_far)
+def drift(rows: Sequence[DriftRow], now: LiveVerdict, others: Sequence[LiveVerdict] = ()) -> str:
+    """The verdicts now and so far, those on the other vehicles, and the drift table: medians."""
+    head = _verdict("Now", now.status, _with_age(now), stale=_is_dimmed(now))
+    head += _verdict("So far", *now.so_far)
+    head += "".join(_verdict(f"Vehicle {o.vehicle}", o.status, _with_age(o), stale=_is_dimmed(o)) for o in others)
     measured = (
         row((f"{r.horizon_s:g} s", r.windows, _median(r.attitude_deg, "°"), _median(r.position_m, " m")))
         for r in rows
@@ -134,13 +135,14 @@ def _verdict(when: str, status: str, text: str, *, stale: bool = False) -> str:
     return lines([head, escape(text)]) if text else ""
 
 
-def _age(now: LiveVerdict) -> str:
-    """How old a verdict is, where that matters."""
-    return f" (as of {now.age_s:.0f} s ago)" if _is_stale(now) else ""
+def _with_age(now: LiveVerdict) -> str:
+    """A verdict, and how old it is where that matters."""
+    return f"{now.text} (as of {now.age_s:.0f} s ago)" if now.is_stale else now.text
 
 
-def _is_stale(now: LiveVerdict) -> bool:
-    return now.age_s > _OLD_S
+def _is_dimmed(now: LiveVerdict) -> bool:
+    """Whether it stands in grey: of old data, but for an alarm, which nothing has taken back."""
+    return now.is_stale and now.status not in _ALARMS
 
 
 def messages(sentences: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from companion.analysis import DriftRow, FreeState, Replay
+from companion.analysis import DriftRow, FreeState, LiveVerdict, Replay
 from companion.model import Flight
 from companion.view.state.choice import ReplayChoice
 
@@ -48,19 +48,6 @@ class LinkState:
     recording_problem: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class LiveVerdict:
-    """The verdict now, by the last seconds, and on the session so far. All text is untrusted."""
-
-    status: str  # of `Verdict`, "starting" while the estimator aligns, "lost" after a loss of control; "": none yet
-    text: str
-    age_s: float = 0.0  # of the data that it rests on
-    status_so_far: str = ""  # of `Verdict`; "" while there is none
-    text_so_far: str = ""
-    expected: tuple[tuple[float, float, float, float], ...] = ()
-    """Time since an anchor, s, and 1σ of the error expected then: attitude °, velocity m/s, position m."""
-
-
 class Feed(Protocol):
     """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
 
@@ -95,7 +82,11 @@ class Feed(Protocol):
 
     @property
     def verdict(self) -> LiveVerdict:
-        """The verdict now and so far."""
+        """The verdict now and so far, of the vehicle that is looked at."""
+
+    @property
+    def other_verdicts(self) -> Sequence[LiveVerdict]:
+        """Those on the other vehicles of the link."""
 
     def wait(self, timeout_s: float) -> None:
         """Wait until there is something that `look` has not seen, no longer than so many s."""

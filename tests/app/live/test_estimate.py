@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import Verdict
-from companion.app.live import HORIZON_S, Band, Judge
+from companion.analysis import Band, Verdict
+from companion.app.live import HORIZON_S, Judge
 from companion.estimation import smooth
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
 from companion.model import Flight

@@ -7,7 +7,8 @@ from typing import cast
 
 import pytest
 
-from companion.app.live import Alarm, Judge, LiveVerdict, Pace
+from companion.analysis import Alarm, LiveVerdict
+from companion.app.live import Judge, Pace
 
 
 class Judged:

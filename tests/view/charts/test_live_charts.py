@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.view import LiveVerdict
+from companion.analysis import LiveVerdict
 from companion.view.charts.chart_pages import expected_over
 from companion.view.state.history import Curves
 from companion.view.state.trajectory import Errors

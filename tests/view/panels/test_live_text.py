@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import cast
 
+from companion.analysis import LiveVerdict, State
 from companion.present import palette
-from companion.view import LinkState, LiveVerdict, ReplayChoice, StreamState
+from companion.view import LinkState, ReplayChoice, StreamState
 from companion.view.panels import live_text, markup
 from tests.view.circles import make_flight, recompute
 
@@ -39,11 +41,11 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
     )  # fmt: skip
     for shown in (
         live_text.link(state, EVIL, None),
-        live_text.verdict(LiveVerdict(EVIL, EVIL), LinkState("a"), EVIL),
+        live_text.verdict(LiveVerdict(cast("State", EVIL), EVIL), LinkState("a"), EVIL),
         live_text.verdict(LiveVerdict("", EVIL), state, EVIL),
         live_text.legend(EVIL, has_position=True),
         live_text.health(state),
-        live_text.drift((), LiveVerdict(EVIL, EVIL)),
+        live_text.drift((), LiveVerdict(cast("State", EVIL), EVIL), [LiveVerdict("lost", EVIL, vehicle=EVIL)]),
         live_text.messages([EVIL]),
     ):
         tags = read(shown)
@@ -55,13 +57,19 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
     def text(now: LiveVerdict, problem: str = "", why_not: str = "") -> str:
         return read(live_text.verdict(now, LinkState("udpin:1", problem), why_not)).text
 
-    suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
+    suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", newest=1.0, age_s=2.0)
     assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
     assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
-    assert markup.COLOURS["imu_suspect"] != markup.colour_of("imu_suspect", stale=True), "and is dimmed"
-    shown = live_text.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
-    assert palette.css(markup.COLOURS["imu_suspect"]) not in shown
-    assert text(suspect, problem="silent for 7 s").endswith("NO VERDICT – silent for 7 s")
+    alarm, agreed = palette.css(markup.COLOURS["imu_suspect"]), palette.css(markup.COLOURS["consistent"])
+    old = replace(suspect, age_s=7.0)
+    for link in (LinkState("udpin:1"), LinkState("udpin:1", "silent for 7 s")):
+        assert alarm in live_text.verdict(replace(old, silent=bool(link.problem)), link, ""), (
+            "nothing has taken it back"
+        )
+    well = replace(old, status="consistent", text="IMU and autopilot agree.")
+    assert agreed in live_text.verdict(replace(well, age_s=1.0), LinkState("udpin:1"), "")
+    assert agreed not in live_text.verdict(well, LinkState("udpin:1"), ""), "and this is dimmed"
+    assert text(LiveVerdict("", ""), problem="silent for 7 s").endswith("NO VERDICT – silent for 7 s")
     assert text(LiveVerdict("", ""), why_not="no IMU messages").endswith("no IMU messages")
     assert "No verdict yet" in text(LiveVerdict("", ""))
     assert "STARTING" in text(LiveVerdict("starting", "The estimator aligns."))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from companion.analysis import Comparison, Verdict
-from companion.app.live import HORIZON_S, Band, Judge, LiveVerdict, live_verdict
+from companion.analysis import Band, Comparison, LiveVerdict, Verdict
+from companion.app.live import HORIZON_S, Judge, Judges
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -112,7 +113,7 @@ def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, mon
         seen.append(comparison)
         return False
 
-    monkeypatch.setattr(live_verdict, "newest_stands_out", looked)
+    monkeypatch.setattr("companion.app.live.judge.newest_stands_out", looked)
     for t, packets in bursts(vehicle, 45.0):
         after.hear(packets, EPOCH + t)
         anew.hear(packets, EPOCH + t)
@@ -164,12 +165,70 @@ def test_what_cannot_be_judged_is_said() -> None:
 
 def test_a_vehicle_that_was_chosen_is_judged_alone() -> None:
     said = Said(*[GOOD] * 4)
-    judge = Judge(said, dialect=DEFAULT_DIALECT, vehicle="2")
+    judges = {name: Judge(said, dialect=DEFAULT_DIALECT, vehicle=name) for name in ("2", "1:1", "3")}
     for sysid in (1, 2):
         for t, packets in bursts(SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid), 8.0):
-            judge.hear(packets, EPOCH + t)
-    assert judge.judge().vehicle == "2:1"
-    judge.vehicle = "1:1"
-    assert judge.judge().vehicle == "1:1"
-    judge.vehicle = "3"
-    assert judge.judge().status == ""
+            for judge in judges.values():
+                judge.hear(packets, EPOCH + t)
+    assert judges["2"].judge().vehicle == "2:1"
+    assert judges["1:1"].judge().vehicle == "1:1"
+    assert judges["3"].judge().status == ""
+
+
+def two_vehicles(until: dict[int, float]) -> Iterator[tuple[float, bytes]]:
+    """Two that send alike, each until a time."""
+    both = [
+        (t, packets)
+        for sysid, end in until.items()
+        for t, packets in bursts(SimulatedVehicle(fly(120.0), streams=STREAMS, sysid=sysid), end)
+    ]
+    yield from sorted(both, key=lambda one: one[0])
+
+
+def test_a_vehicle_is_judged_as_long_as_it_is_heard_and_a_change_is_said() -> None:
+    judge, said = Judge(Said(*[GOOD] * 40), dialect=DEFAULT_DIALECT), list[LiveVerdict]()
+    due = 8.0
+    for t, packets in two_vehicles({1: 20.0, 2: 100.0}):
+        judge.hear(packets, EPOCH + t)
+        if t >= due:
+            due += 8.0
+            said.append(judge.judge())
+    vehicles = [one.vehicle for one in said]
+    assert vehicles == sorted(vehicles)
+    assert (vehicles[0], vehicles[-1]) == ("1:1", "2:1")
+    first = next(one for one in said if one.vehicle == "2:1")
+    assert first.text == "Vehicle 2:1 is judged from now on: 1:1 is silent. all is well"
+    silent = [one for one in said if one.vehicle == "1:1"][-1]
+    assert silent.newest < EPOCH + 24.5, "what is said of one that is silent is as old as its data"
+
+
+def test_every_vehicle_of_a_link_is_judged_by_itself() -> None:
+    made = list[Said]()
+
+    def judging() -> Said:
+        made.append(Said(*[GOOD] * 40))
+        return made[-1]
+
+    judges, said = Judges(judging, dialect=DEFAULT_DIALECT, vehicle="all"), list[LiveVerdict]()
+    for t, packets in two_vehicles({1: 30.0, 2: 30.0}):
+        judges.hear(packets, EPOCH + t)
+        one = judges.step(t)
+        said += [] if one is None else [one]
+    assert {one.vehicle for one in said[-2:]} == {"1:1", "2:1"}
+    assert len(made) == 2
+    assert {str(flight.vehicle) for flight in made[0].flights} == {"1:1"}
+    assert {str(flight.vehicle) for flight in made[1].flights} == {"2:1"}
+
+
+def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
+    judge = Judge(Said(*[GOOD] * 4), dialect=DEFAULT_DIALECT)
+    vehicle = SimulatedVehicle(fly(40.0), streams=STREAMS)
+    for t, packets in bursts(vehicle, 20.0):
+        judge.hear(packets, EPOCH + t)
+    before = judge.judge()
+    judge.heard(EPOCH + 30.0)  # others speak
+    assert judge.judge() == before
+    old = replace(before, age_s=10.0)
+    assert old.now == ("stale", "as of 10 s ago: all is well")
+    assert replace(before, silent=True).now[0] == "stale"
+    assert replace(before, age_s=4.0).now == ("consistent", "all is well")

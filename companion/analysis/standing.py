@@ -1,0 +1,309 @@
+"""Faults that stand: while a flight is listened to, each is a hypothesis of its own until its end is shown.
+
+A piece of some tens of seconds that begins after an onset fits the fault as a bias of the part, a turned field or a
+moved origin, and agrees with the autopilot that was misled by it. So a fault that was accepted is kept with the
+probability p that it is still there, and what each later piece says of it is weighed by Bayes:
+
+    log p / (1 - p) = log odds that it stays + log N(d; u, σ²) - log N(d; 0, σ²)
+
+u: its size as measured while the piece still had its onset, d: the sensor's error now minus that before the onset. It
+is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
+(noise, a deviation of the estimate) is over when enough has been judged in which it would have been found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.analysis.fault_interval import (
+    BIAS_UNITS,
+    FaultInterval,
+    fault_intervals,
+    percent,
+    probability_by_imu,
+)
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.findings.stuck import unchanged
+from companion.analysis.measured_error import Reading, reads
+from companion.analysis.verdict import Status, Verdict, cause_told, headline_of
+from companion.constants import check, healthy, num, priors
+from companion.estimation import KINDS, BestEstimate, kind_of, probabilities, times_of_change
+from companion.model import Array, Flight
+
+_SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
+_WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
+_KINDS = {kind.name for kind in KINDS}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandingFault:
+    """A fault that was accepted, and what is known of it since."""
+
+    finding: Finding  # as it was told last, with a cause
+    probability: float  # that it is still there
+    seen_s: float  # boot clock, until when it was found by itself
+    before: Reading | None = None  # of the sensor, before its onset; None where that was not measured
+    size: Array | None = None  # (m,) while it was found
+    over_s: float | None = None  # s, boot clock, by when it was seen to be over; None: it stands
+
+    @property
+    def cause(self) -> Cause:
+        """What is wrong."""
+        assert self.finding.cause is not None
+        return self.finding.cause
+
+
+def carried_on(
+    standing: Sequence[StandingFault], flight: Flight, verdict: Verdict, best: BestEstimate | None
+) -> tuple[StandingFault, ...]:
+    """The faults that stand after another piece of a flight, the first first.
+
+    And those that are over, while a piece still has their end in it, which looks like another fault.
+    standing: before. verdict, best: of the piece by itself.
+    """
+    end = flight.start + flight.duration
+    errors = [f for f in verdict.findings if f.severity == "error" and f.side != "data"]
+    outages = [_outage(f) for f in verdict.findings if f.kind in _OUTAGES and f.severity == "warning"]
+    errors += [f for f in outages if f.end_s > end - check.NEAR_S and not _comes_again(cause_told(f), flight, end)]
+    new = sorted((_named(replace(f, cause=cause_told(f)), best) for f in errors), key=lambda f: f.start_s)
+    judged = verdict.status != "insufficient_data"
+    kept: list[StandingFault] = []
+    for fault in standing:
+        mine = [f for f in new if _same(fault.finding, f) and (fault.over_s is None or f.start_s < fault.over_s)]
+        new, again = [f for f in new if f not in mine], next(iter(mine), None)
+        if again is not None and _together(fault.finding, again):
+            kept.append(_as_seen(again, flight, best, end, fault))
+        else:  # what the sensor does later is the end of it, or more of it
+            kept.append(_weighed(fault, flight, best, end, judged=judged))
+    while new:
+        first, new = new[0], [f for f in new[1:] if not _same(new[0], f)]
+        if not (any(one.over_s is None for one in kept) and _is_consequence(first)):
+            kept.append(_as_seen(first, flight, best, end, None))
+    judged_now = (_turned(one, end) for one in kept)
+    return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
+
+
+def _turned(fault: StandingFault, end: float) -> StandingFault:
+    """A fault that is over below 5 %, and stands again above 95 %."""
+    if fault.over_s is None and fault.probability <= 1.0 - priors.ACCUSED:
+        return replace(fault, over_s=end)
+    if fault.over_s is not None and fault.probability >= priors.ACCUSED:
+        return replace(fault, over_s=None)
+    return fault
+
+
+_OUTAGES = ("position_lost", "dead_reckoned")
+
+
+def _outage(finding: Finding) -> Finding:
+    """That there is no position, or that nothing supports it: in flight an alarm for as long as it lasts."""
+    cause = Cause(finding.kind, "autopilot", finding.start_s, finding.end_s, sensor="gps")
+    return replace(finding, side="autopilot", severity="error", undecided=False, cause=cause)
+
+
+def _is_consequence(finding: Finding) -> bool:
+    """Whether a finding is of the estimate alone: a fault that stands has misled it."""
+    cause = finding.cause
+    return cause is not None and cause.side == "autopilot" and not cause.sensor
+
+
+def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Verdict:
+    """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
+    up = [fault for fault in standing if fault.over_s is None]
+    if not up:
+        suspect = verdict.status in _SUSPECT.values()
+        if not suspect:
+            return verdict
+        over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
+        return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
+    first = up[0]
+    side = first.cause.side
+    told = headline_of(first.finding).replace(" to the end", " until now")
+    sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
+    more = f", and {len(up) - 1} more" if len(up) > 1 else ""
+    return replace(
+        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause
+    )
+
+
+def _same(one: Finding, other: Finding) -> bool:
+    """Whether two findings are of one fault: of the same sensor, or of the same side and onset.
+
+    Which IMU it is may be told otherwise as more is known of it.
+    """
+    a, b = one.cause, other.cause
+    if a is None or b is None or a.side != b.side:
+        return False
+    if a.sensor and b.sensor:
+        same_sensor = a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu)
+        return same_sensor or _together(one, other)
+    return a.kind == b.kind or _together(one, other)
+
+
+def _together(one: Finding, other: Finding) -> bool:
+    """Whether two findings begin together."""
+    a, b = cause_told(one), cause_told(other)
+    sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
+    return abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
+
+
+def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | None:
+    """What the best estimate had to explain, that a finding tells of."""
+    if best is None or finding.kind not in _KINDS:
+        return None
+    intervals = (one for one in fault_intervals(best) if one.kind == finding.kind)
+    return next((one for one in intervals if abs(one.start - finding.start_s) < check.NEAR_S), None)
+
+
+def _named(finding: Finding, best: BestEstimate | None) -> Finding:
+    """The finding; where it is not known yet which IMU it is, without the name of one."""
+    interval, cause = _interval(finding, best), finding.cause
+    if interval is None or best is None or cause is None or interval.side != "imu":
+        return finding
+    shares = probability_by_imu(interval, best)
+    if next(iter(shares.values()), 1.0) >= priors.ACCUSED or cause.sensor not in BIAS_UNITS:
+        return finding
+    likely = sorted(k for k, share in shares.items() if share > 1.0 - priors.ACCUSED)
+    size = cause.size or 0.0
+    unit, scale, decimals = BIAS_UNITS[cause.sensor]
+    if not cause.kind.endswith("_bias"):
+        unit, scale, decimals = "%", 100.0, 1
+    who = " and ".join(f"IMU {k}" for k in likely)
+    by = f"{size * scale:.{decimals}f} {unit}" + (f" in {cause.axis}" if cause.axis else "")
+    words = f"{who} differ by {by} since {cause.onset_s:.0f} s: which one is not known yet"
+    return replace(finding, evidence=words, headline=words, cause=replace(cause, imu=None))
+
+
+def _as_seen(
+    finding: Finding, flight: Flight, best: BestEstimate | None, end: float, fault: StandingFault | None
+) -> StandingFault:
+    """A fault that a piece shows by itself."""
+    cause = finding.cause
+    assert cause is not None
+    last = end if cause.end_s is None else min(cause.end_s, end)
+    before = reads(cause, flight, best, until=cause.onset_s)
+    now = reads(cause, flight, best)
+    known = StandingFault(finding, 1.0, last)
+    if before is not None and now is not None:
+        if fault is not None and fault.before is not None and fault.before[1].sum() < before[1].sum():
+            before = fault.before  # more of the time before the onset was in an earlier piece
+        size = now[0] - before[0]
+        if cause.end_s is None or fault is None or fault.size is None:
+            return replace(known, before=before, size=size)
+        return replace(known, before=before, size=fault.size, probability=_stays(fault.size, before, now, cause))
+    if _reads_again(cause, flight):
+        return replace(known, probability=0.0)
+    if cause.kind in _OUTAGES:
+        return known
+    if last < end - check.NEAR_S:
+        return replace(known, probability=_unseen(end - last))
+    return known
+
+
+def _weighed(
+    fault: StandingFault, flight: Flight, best: BestEstimate | None, end: float, *, judged: bool
+) -> StandingFault:
+    """A fault that a piece does not show by itself: where that begins after the onset, it cannot."""
+    cause, sure = fault.cause, fault.probability
+    measured = fault.before is not None and fault.size is not None
+    if cause.kind in _STILL:
+        sure = 0.0 if _reads_again(cause, flight) else sure
+    elif cause.kind in _OUTAGES:
+        sure = 0.0 if _comes_again(cause, flight, end) else sure
+    elif judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
+        sure = _by_its_onset(best, cause)
+    elif measured:
+        return _measured(fault, reads(cause, flight, best))
+    elif cause.sensor in _AIDING and cause.end_s is None:
+        sure = 0.0 if _came_back(fault, best) else sure
+    elif judged:
+        sure = _unseen(end - fault.seen_s)
+    return fault if sure == fault.probability else replace(fault, probability=sure)
+
+
+def _measured(fault: StandingFault, now: Reading | None) -> StandingFault:
+    """A fault by what its sensor reads too much now; as it was where that is not known."""
+    if now is None or fault.before is None or fault.size is None:
+        return fault
+    sure = _stays(fault.size, fault.before, now, fault.cause)
+    size = now[0] - fault.before[0] if sure > priors.ACCUSED else fault.size
+    return replace(fault, probability=sure, size=size)
+
+
+def _has_onset(best: BestEstimate, cause: Cause) -> bool:
+    """Whether the onset lies so far within a piece that it shows there."""
+    return cause.onset_s - num.SIGMAS * (cause.onset_sigma_s or 0.0) > times_of_change(best.t)[0]
+
+
+def _by_its_onset(best: BestEstimate, cause: Cause) -> float:
+    """The probability that a sensor has a fault since then, by a piece that has more of what came after."""
+    sigma = cause.onset_sigma_s or 0.0
+    near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + num.SIGMAS * sigma]
+    whose = "imu" if cause.side == "imu" else cause.sensor
+    return max((probabilities(rivals)[whose] for rivals in (best.further, *(one.rivals for one in near))), default=0.0)
+
+
+def _comes_again(cause: Cause, flight: Flight, end: float) -> bool:
+    """Whether the position, or a GPS fix, has come lately."""
+    if cause.kind == "position_lost":
+        return flight.position is not None and float(flight.position.t[-1]) > end - check.NEAR_S
+    fixed = (one.t[one.fix_type >= check.FIX_3D] for one in flight.gps)
+    return any(len(t) and float(t[-1]) > end - check.NEAR_S for t in fixed)
+
+
+_STILL = ("stuck_axis", "frozen")
+_AIDING = ("gps", "compass", "barometer")
+
+
+def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:
+    """The probability that an error is still there, of what the sensor reads too much now and did before its onset."""
+    kind = kind_of(cause.kind)
+    drifts = kind.harmful("step") / num.SIGMAS  # what parts in order change by in a flight is a third of it
+    variance = before[1] ** 2 + now[1] ** 2 + drifts**2
+    error = now[0] - before[0]
+    log_odds = -np.log(priors.RECOVERING_SHARE) + 0.5 * float(((error**2 - (error - size) ** 2) / variance).sum())
+    return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))
+
+
+def _unseen(seconds: float) -> float:
+    """The probability that what was found is still there, though so much has been judged since that would show it.
+
+    It is found in 95 % of pieces as long as a verdict needs.
+    """
+    pieces = max(seconds, 0.0) / (num.MIN_WINDOWS * num.JUDGED_S)
+    log_odds = priors.ACCUSED_ODDS * (1.0 - pieces)
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+
+def _reads_again(cause: Cause, flight: Flight) -> bool:
+    """Whether an axis or IMU that stood moves again: in every message of that IMU, for as long as it takes to stand."""
+    if cause.kind not in _STILL:
+        return False
+    tracks = [track for track in flight.imus.values() if cause.imu in (None, track.instance) and len(track) > 1]
+    sensors = (cause.sensor,) if cause.sensor in BIAS_UNITS else tuple(BIAS_UNITS)
+    axes = ["xyz".index(cause.axis)] if cause.axis in tuple("xyz") else [0, 1, 2]
+    for track in tracks:
+        newest = track.t > track.t[-1] - healthy.STUCK_S
+        for sensor in sensors:
+            readings = (track.gyro if sensor == "gyro" else track.accel)[newest]
+            if len(readings) < 2 or unchanged(readings)[:, axes].all(axis=0).any():
+                return False
+    return bool(tracks)
+
+
+def _came_back(fault: StandingFault, best: BestEstimate | None) -> bool:
+    """Whether a sensor beside the IMU has changed back: nothing else tells that an offset is over."""
+    cause = fault.cause
+    if best is None or cause.size is None:
+        return False
+    back = [
+        one for one in fault_intervals(best)
+        if one.kind == cause.kind and one.start > fault.seen_s - check.NEAR_S and not np.isfinite(one.end)
+    ]  # fmt: skip
+    if not back:
+        return False
+    size, sigma = back[-1].magnitude, back[-1].sigma
+    return abs(size - cause.size) < num.SIGMAS * float(np.hypot(sigma, cause.sigma or 0.0))

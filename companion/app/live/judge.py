@@ -1,0 +1,227 @@
+"""The verdict while a flight happens: now, by its last seconds, and so far, by what the verdict was before."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from companion.analysis import Alarm, Band, LiveVerdict, State, Verdict, compare, newest_stands_out, phases
+from companion.constants import check
+from companion.model import DataError, Flight
+from companion.telemetry import Stream
+
+HORIZON_S = 40.0
+"""Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
+tells. What lasted longer than that is in the record of alarms."""
+
+MOST_S = 90.0
+"""And from an alarm on until nobody is suspect: without its onset a fault is measured less well."""
+
+LEAST_S = 20.0
+"""On a computer that is too slow: the newest seconds come first. A verdict needs three windows of 5 s."""
+
+_BEFORE_S = 20.0  # of data before an alarm that still lasts
+_LOOK_S = 20.0  # of data for a look at the newest
+_MOST_ALARMS = 50
+_SUSPECT = ("imu_suspect", "autopilot_suspect")
+_TURNS_S = 4.5  # a flip, and what shows that it was one: until then a vehicle that turns over is not lost
+_YOUNG_S = 60.0  # since boot: until then an estimator on the ground may still be finding its heading
+
+Judging = Callable[[Flight, str | None], tuple[Verdict, Band]]
+"""What is said of an IMU of a flight (None: its default), and what is expected of it."""
+
+
+class NothingYetError(DataError):
+    """What a verdict rests on has only begun."""
+
+
+class Judge:
+    """Of one vehicle: give `hear` what arrives, then `judge` as often as can be afforded.
+
+    verdict_on: judges a flight as a log; may raise DataError. imu: its message; the default where it does not come.
+    vehicle: SYSID or SYSID:COMPID; None: the first with an IMU that is heard, as long as it is. Memory does not grow:
+    only the last seconds and the alarms are kept. stream: what has arrived, where several judges share it.
+    """
+
+    def __init__(
+        self,
+        verdict_on: Judging,
+        *,
+        dialect: str,
+        dequantise: bool = False,
+        imu: str | None = None,
+        vehicle: str | None = None,
+        stream: Stream | None = None,
+    ) -> None:
+        self.verdict_on = verdict_on
+        self.imu = imu
+        self.vehicle = vehicle
+        self.most_s = MOST_S  # of data that are judged: less where that takes too long
+        self.others: tuple[str, ...] = ()  # further vehicles with an IMU at the last judgement
+        self._stream = stream or new_stream(dialect, dequantise=dequantise)
+        self._newest = 0.0
+        self.last = LiveVerdict("", "nothing has been received")  # what was said last
+        self._since = math.inf  # s UNIX, the first alarm since nobody was suspect
+        self._judged: Flight | None = None
+        self._aloft_s = -math.inf  # s, boot clock, when it was last known to be in the air
+        self._tells = False  # whether the vehicle says itself when it takes off and lands
+
+    @property
+    def newest(self) -> float:
+        """When the newest data arrived, s UNIX; 0: nothing has."""
+        return self._newest
+
+    def hear(self, data: bytes, received: float) -> None:
+        """Take bytes that arrived at `received` s UNIX."""
+        self._stream.push(data, received)
+        self._newest = received
+
+    def heard(self, received: float) -> None:
+        """Somebody else has given the stream what arrived until then."""
+        self._newest = received
+
+    def forget(self) -> None:
+        """Begin the record anew: another IMU is judged from now on."""
+        self.last, self._judged = LiveVerdict("", "judging anew"), None
+        self._since = math.inf
+
+    def judge(self) -> LiveVerdict:
+        """What is to be said now; the same as before where this vehicle's IMU has sent nothing since."""
+        last, before = self.last, self._judged
+        flight = self._flight(self._horizon_s)
+        if flight is None or (before is not None and _end(flight) == _end(before)):
+            if not last.newest:
+                self.last = replace(last, text="no IMU messages received")
+            return self.last
+        changed = "" if before is None or flight.vehicle == before.vehicle else f"{before.vehicle} is silent. "
+        self._judged = flight
+        status, text, expected = self._said(flight)
+        if changed and str(flight.vehicle) != last.vehicle:
+            text = f"Vehicle {flight.vehicle} is judged from now on: {changed}{text}"
+        said = replace(
+            last, status=status, text=text, newest=self._newest, expected=expected, vehicle=str(flight.vehicle)
+        )
+        if status in _SUSPECT:
+            said = replace(said, alarms=_noted(last.alarms, self._since, status, text, self._newest))
+            self._since = min(self._since, self._newest)
+        elif status == "consistent":
+            self._since = math.inf
+        self.last = replace(said, was_consistent=last.was_consistent or status == "consistent")
+        return self.last
+
+    def stirred(self) -> bool:
+        """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
+        flight = self._gone_on() or self._flight(_LOOK_S)
+        if flight is None:
+            return False
+        try:
+            return newest_stands_out(compare(flight, imu=self._imu_of(flight)))
+        except DataError:
+            return False
+
+    def _gone_on(self) -> Flight | None:
+        """The last seconds of the flight that was judged, no more than a look needs; None where it has not gone on."""
+        flight = self._judged
+        if flight is None:
+            return None
+        imu = flight.imu(self._imu_of(flight)).source
+        newest = self._stream.extend(flight, imu, self._stream.newest - _LOOK_S)
+        if newest is None:
+            return None
+        return replace(flight, imus={imu: newest.imu}, attitude=newest.attitude, position=newest.position)
+
+    @property
+    def _horizon_s(self) -> float:
+        """Of data that are judged: more until an alarm has cleared, so that its onset stays in them."""
+        return min(max(HORIZON_S, self._newest - self._since + _BEFORE_S), self.most_s)
+
+    def _imu_of(self, flight: Flight) -> str | None:
+        return self.imu if self.imu in flight.imus else None
+
+    def _flight(self, seconds: float) -> Flight | None:
+        usable = [flight for flight in self._stream.recent(seconds) if flight.default_imu is not None]
+        newest = {flight.vehicle.sysid: flight for flight in usable}  # the last boot of each
+        chosen = [
+            f for f in newest.values() if self.vehicle is None or self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))
+        ]
+        now = self.last.vehicle  # two vehicles that send alike must not take turns
+        flight = max(chosen, key=lambda one: (str(one.vehicle) == now, len(one.imu())), default=None)
+        self.others = tuple(str(one.vehicle) for one in newest.values() if one is not flight)
+        return flight
+
+    def _said(self, flight: Flight) -> tuple[State, str, Band]:
+        part = phases(flight)[-1]
+        aligning = part.kind == "aligning" or (part.kind == "standing" and self._is_young(flight))
+        if aligning and flight.attitude is not None:
+            why = part.reason if part.kind == "aligning" else "it has booted less than a minute ago"
+            return "starting", f"the estimator is aligning ({why}): nothing is judged yet", ()
+        if part.kind == "impact":
+            if part.end - part.start < _TURNS_S and self.last.status:
+                return self.last.status, self.last.text, self.last.expected
+            return "lost", f"{part.reason}: nothing is judged until it is in control again", ()
+        try:
+            verdict, expected = self.verdict_on(flight, self._imu_of(flight))
+        except NothingYetError as reason:
+            return "starting", str(reason), ()
+        except DataError as reason:
+            return "insufficient_data", str(reason), ()
+        text = verdict.summary
+        aloft = self._is_aloft(flight, part.kind)
+        if (where := _WHERE.get(part.kind)) and not aloft:
+            text = f"{text.removesuffix('.')} ({where})."
+        return verdict.status, text, expected
+
+    def _is_young(self, flight: Flight) -> bool:
+        """Whether its estimator may still be aligning: on the ground, disarmed, in the first minute since boot."""
+        estimator = flight.series.get("estimator")
+        if estimator is not None and "flags" in estimator.columns and len(estimator.t):
+            flags = estimator["flags"][-1]
+            if math.isfinite(flags) and int(flags) & check.POSITION_VALID:
+                return False
+        armed = [event.kind == "armed" for event in flight.events if event.kind in ("armed", "disarmed")]
+        return _end(flight) < _YOUNG_S and bool(flight.events) and not (armed and armed[-1])
+
+    def _is_aloft(self, flight: Flight, kind: str) -> bool:
+        """Whether it is in the air, though in what is judged it does not move: a hover looks like standing."""
+        end = _end(flight)
+        if end < self._aloft_s:  # it has rebooted
+            self._aloft_s = -math.inf
+        if kind == "flight":
+            self._aloft_s = end
+        self._tells |= any(event.text in _TOLD for event in flight.events)
+        came_down = any((e.kind == "disarmed" or e.text == "landed") and e.t > self._aloft_s for e in flight.events)
+        if came_down or (kind == "landed" and not self._tells):
+            self._aloft_s = -math.inf
+        return math.isfinite(self._aloft_s)
+
+
+_TOLD = ("took off", "in the air", "landed")
+_WHERE = {"standing": "on the ground", "landed": "after landing"}
+
+
+def new_stream(dialect: str, *, dequantise: bool = False) -> Stream:
+    """A stream that keeps what judges need."""
+    return Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
+
+
+def _end(flight: Flight) -> float:
+    """The newest sample of its IMU, s, boot clock."""
+    return float(flight.imu().t[-1])
+
+
+def _noted(alarms: tuple[Alarm, ...], since: float, status: State, text: str, newest: float) -> tuple[Alarm, ...]:
+    """The alarms with this one: the last goes on if it is of the same side, and nobody said since that all is well.
+
+    since: s UNIX, the first alarm since then. newest: s UNIX, of the data.
+    """
+    goes_on = bool(alarms) and alarms[-1].status == status and alarms[-1].last >= since
+    first = alarms[-1].first if goes_on else newest
+    new = Alarm(status, text, first, newest, f"{_clock(first)} to {_clock(newest)}")
+    alarms = (*(alarms[:-1] if goes_on else alarms), new)
+    return (alarms[0], *alarms[1:][-_MOST_ALARMS + 1 :])  # the first says what the session's verdict is
+
+
+def _clock(t: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(t))
