@@ -119,7 +119,7 @@ RULES: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
     "coning behind a low-pass": without(attribution, "_may_be_coning", _never),
     "the IMU fits with far more noise than it shows": without(BestEstimate, "contradicted", False),
     "a GPS in order creeps as far": without(attribution, "_creeps_in_order", _never),
-    "the IMU moved as the autopilot says": without(deviations, "_imu_confirms", _never),
+    "the IMU moved as the autopilot says": without(deviations, "_confirmed_by_imu", _never),
     "a sensor explains a deviation nearly as well": without(attribution, "SENSORS", {}),
     "begins with a jump of the autopilot's own": without(attribution, "_steps", _never),
     "there since the start of the log": without(attribution, "_since_start", lambda *_: 1.0),

@@ -29,7 +29,6 @@ from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
-from companion.analysis.lasting_errors import known_from
 from companion.analysis.live_verdict import STALE_S, Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
@@ -42,6 +41,7 @@ from companion.analysis.noise import (
     noise_in_flight,
     noise_model,
 )
+from companion.analysis.persistent_errors import known_from
 from companion.analysis.phases import phases
 from companion.analysis.pose_error import (
     Expectation,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.budget import lasting_step_error, turn_jacobian
+from companion.analysis.budget import persistent_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import attitude_error, length
@@ -70,7 +70,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     f = rest.accel
     roll, pitch = np.arctan2(-f[1], -f[2]), np.arctan2(f[0], np.hypot(f[1], f[2]))
     level = quaternion.from_euler(float(roll), float(pitch), 0.0)
-    steps = lasting_step_error(track.accel[rest.first : rest.last + 1], track.accel_step)
+    steps = persistent_step_error(track.accel[rest.first : rest.last + 1], track.accel_step)
     gravity = comparison.how.gravity
     tilt_sigma = float(np.hypot(imu.accel.residual_bias, steps[:2].max()) / gravity)
     magnetic = _magnetic_heading(flight, rest, level)
@@ -173,7 +173,7 @@ def _covariance(
     """(E, 3, 3) rad², of the attitude's error at the ends, the autopilot's own included."""
     bias, gyro = growth.transition[:, :3, 9:12], growth.gyro_matrix[:, :3]
     # the rest shows the bias, less what its steps hide; in flight the steps take something else
-    steps = lasting_step_error(track.gyro, track.gyro_step)
+    steps = persistent_step_error(track.gyro, track.gyro_step)
     bias = bias * np.sqrt(aligned.rest.gyro_sigma**2 + steps**2 + num.EARTH_RATE_RPS**2)
     scale = gyro[:, :, np.arange(3), np.arange(3)] * imu.gyro.scale
     turned = turn_jacobian(growth)[:, :3] * autopilot.misalignment

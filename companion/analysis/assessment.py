@@ -24,9 +24,9 @@ from companion.analysis.findings.axes import misread_finding, turned_others
 from companion.analysis.findings.turned import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.lasting_errors import beside_best, known_from, level_is_unusual
 from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
+from companion.analysis.persistent_errors import beside_best, known_from, level_is_unusual
 from companion.analysis.phases import flown, landed_at, phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
@@ -318,7 +318,7 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
             part, noise_density=max(part.noise_density, noise), residual_bias=shared * float(np.hypot(unknown, warms))
         )
 
-    noise, lasting = best.noise, best.lasting
+    noise, lasting = best.noise, best.correlated
     return replace(
         figures,
         gyro=left(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, healthy.WARMING_BIAS[0]),

@@ -25,13 +25,13 @@ from companion.analysis.fault_interval import (
     percent,
     probability_by_imu,
     probability_by_side,
+    reported_size,
     rival,
     said,
-    size_told,
     turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
-from companion.analysis.lasting_errors import ALL_THE_TIME
+from companion.analysis.persistent_errors import ALL_THE_TIME
 from companion.constants import check, num, priors
 from companion.estimation import (
     BestEstimate,
@@ -110,7 +110,7 @@ def findings_of(
     told = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
     out = [finding for finding in told if finding is not None]
     own = [d for d, cause in zip(deviations, causes, strict=True) if cause is None]
-    by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
+    by_imu = min((d.start for d in own if d.imu_confirms), default=np.inf)
     return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
 
 
@@ -166,13 +166,13 @@ def _since_start(interval: FaultInterval, best: BestEstimate) -> float:
     """The probability that what was off since the start is a fault, where it is known what a calibration leaves."""
     if interval.kind in ("gyro_scale", "accel_scale"):
         return scale_fault_probability(interval.size, np.full(len(interval.size), interval.sigma))
-    size, sigma, unit = size_told(interval, best)
+    size, sigma, unit = reported_size(interval, best)
     return compass_fault_probability(size, sigma) if interval.side == "compass" and unit == "µT" else 0.0
 
 
 def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
     """A compass that is turned against the IMU since the start of the log: or the IMU, and the board with it."""
-    size, sigma, _ = size_told(interval, best)
+    size, sigma, _ = reported_size(interval, best)
     what = f"compass and IMU are turned against each other by {np.degrees(size):.0f} ± {np.degrees(sigma):.0f}°"
     return Finding(
         interval.kind,
@@ -212,7 +212,7 @@ def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
 
 def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, str]:
     """Why an interval that looks like a fault accuses nobody, empty where it does; and what would tell."""
-    size, _, _ = size_told(interval, best)
+    size, _, _ = reported_size(interval, best)
     reasons = (
         (kind_of(interval.kind).nuisance,
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),

@@ -155,7 +155,7 @@ def window_noise(track: ImuTrack, chosen: Windows) -> Array:
     return np.asarray(np.sqrt(most / track.rate_hz))
 
 
-def lasting_step_error(readings: Array, step: float) -> Array:
+def persistent_step_error(readings: Array, step: float) -> Array:
     """What truncation may take from every reading (N, 3) of a whole flight, 1σ per axis (3,): no fit can tell it."""
     return np.asarray(_step_errors(readings, step, np.array([0]), np.array([len(readings) - 1]))[0])
 

@@ -22,7 +22,7 @@ from companion.analysis.budget import Budget, budget, nees, stacked, turn_jacobi
 from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.lasting_errors import Known, lasting_covariance
+from companion.analysis.persistent_errors import Known, persistent_covariance
 from companion.analysis.reference import BoolArray
 from companion.constants import healthy, num
 from companion.estimation import chi_square
@@ -30,7 +30,7 @@ from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
 
 _COUNT = len(NAMES)
-_LASTING: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")
+_PERSISTENT: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")
 _SOLVED_FOR: Final = ("gyro_bias", "accel_bias", "misalignment", "time_offset", "scale", "gravity")
 """Causes of the budget that the unknowns replace."""
 
@@ -54,7 +54,7 @@ class Calibration:
     horizon_s: float
     residual: float  # median normalised error of the windows after the fit, per degree of freedom; about 1 is right
 
-    def told(self, part: str) -> bool:
+    def score(self, part: str) -> bool:
         """Whether the flight tells any figure of a part of PARTS."""
         return any(self.observable[PARTS[part]])
 
@@ -104,7 +104,7 @@ def calibrate(
         comparison = own.of(Correction.of(values).apply(seen))
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)
-    joint[:_COUNT, :_COUNT] += lasting_covariance(own.track)
+    joint[:_COUNT, :_COUNT] += persistent_covariance(own.track)
     enough = num.OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
     taken = np.zeros(_COUNT, np.bool_) if known is None else known.told
     if known is not None:
@@ -129,7 +129,7 @@ def _calibration(
     alike = np.abs(joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint))))
     np.fill_diagonal(alike, 0.0)
     partner = alike[:_COUNT].argmax(axis=1)
-    known = (*NAMES, *_LASTING)
+    known = (*NAMES, *_PERSISTENT)
     vertical = np.zeros(_COUNT)
     vertical[PARTS["accel_bias"].stop - 1], vertical[PARTS["accel_scale"].stop - 1] = 1.0, STANDARD_GRAVITY
     return Calibration(

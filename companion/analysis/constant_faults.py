@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.lasting_errors import steady_error
+from companion.analysis.persistent_errors import steady_error
 from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import BestEstimate, Explained, at_rest, differences, kind_of, times_of_change
 from companion.model import Array, Flight

@@ -85,7 +85,7 @@ def estimator_deviations(
             if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
-                felt = _imu_confirms(best, reference, name, value, peak)
+                felt = _confirmed_by_imu(best, reference, name, value, peak)
                 deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
     return tuple(sorted(deviations, key=lambda d: d.start))
 
@@ -103,7 +103,7 @@ def _beyond(quantity: str, sigma: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(sigma**2 - healthy.AP_SIGMA[quantity] ** 2, 0.0)))
 
 
-def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
+def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
     """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
 
     Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray

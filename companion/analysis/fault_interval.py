@@ -17,7 +17,7 @@ from companion.estimation import (
     Explained,
     Rival,
     Size,
-    at_work,
+    activation,
     kind_of,
     main_axis,
     probabilities,
@@ -64,7 +64,7 @@ class EstimatorDeviation:
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
-    as_the_imu: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
+    imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
     sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property
@@ -112,7 +112,7 @@ def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
 def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
     last = float(best.t[-1])
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
-    share = np.array([_at_work(part, grid) for part in parts])
+    share = np.array([_activation(part, grid) for part in parts])
     level = share.T @ np.array([part.size for part in parts])
     size, sigma = length(level), _sigma(parts, share, level, best)
     for first, final in runs(np.asarray(size >= 0.5 * least)):
@@ -141,16 +141,16 @@ def _fault_odds(part: Explained) -> float:
     return max((one.fault_log_odds for one in part.rivals if one.kind == part.kind), default=-np.inf)
 
 
-def _at_work(part: Explained, t: Array) -> Array:
+def _activation(part: Explained, t: Array) -> Array:
     """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
     if part.shape == "shock":
         return ((t >= part.onset) & (t <= part.onset + 1.0)).astype(np.float64)
-    return np.asarray(at_work(part.shape, np.array([part.onset]), np.array([part.end]), t, t)[0])
+    return np.asarray(activation(part.shape, np.array([part.onset]), np.array([part.end]), t, t)[0])
 
 
 def share_at(part: Explained, t: float) -> float:
     """How much of the size of what was explained is there at a time, s."""
-    return float(_at_work(part, np.array([t]))[0])
+    return float(_activation(part, np.array([t]))[0])
 
 
 def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimate) -> Array:
@@ -182,7 +182,7 @@ def _size(interval: FaultInterval, best: BestEstimate) -> Size:
     return Size(interval.size, interval.sigma, best.states.constant("earth_field"))
 
 
-def size_told(interval: FaultInterval, best: BestEstimate) -> tuple[float, float, str]:
+def reported_size(interval: FaultInterval, best: BestEstimate) -> tuple[float, float, str]:
     """How large it is said to be, its σ and its unit: of a compass' field that turns the angle."""
     if interval.kind != "compass_field":
         return interval.magnitude, interval.sigma, kind_of(interval.kind).unit
@@ -192,7 +192,7 @@ def size_told(interval: FaultInterval, best: BestEstimate) -> tuple[float, float
 
 def turn_of_compass(interval: FaultInterval, best: BestEstimate) -> tuple[float, float]:
     """By how much a compass turns the heading at most, and 1σ of it, rad."""
-    size, sigma, unit = size_told(interval, best)
+    size, sigma, unit = reported_size(interval, best)
     if unit == "rad":
         return min(size, np.pi), sigma
     level = max(float(np.linalg.norm(best.states.constant("earth_field")[:2])), 1e-9)
@@ -201,13 +201,13 @@ def turn_of_compass(interval: FaultInterval, best: BestEstimate) -> tuple[float,
 
 def is_sized(interval: FaultInterval, best: BestEstimate) -> bool:
     """Whether its size is more than its σ."""
-    size, sigma, _ = size_told(interval, best)
+    size, sigma, _ = reported_size(interval, best)
     return size >= sigma
 
 
 def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The interval in numbers."""
-    size, sigma, unit = size_told(interval, best)
+    size, sigma, unit = reported_size(interval, best)
     other, shares = rival(interval), probability_by_side(interval)
     return Cause(
         kind=interval.kind,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.budget import lasting_step_error
+from companion.analysis.budget import persistent_step_error
 from companion.analysis.finding import IntArray, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray, length
@@ -174,7 +174,7 @@ def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuSpec, first: int, last: int)
         start_s=float(track.t[part.start]),
         end_s=float(track.t[part.stop - 1]),
         gyro=gyro.mean(axis=0),
-        gyro_sigma=np.sqrt(density**2 / span + lasting_step_error(gyro, track.gyro_step) ** 2),
+        gyro_sigma=np.sqrt(density**2 / span + persistent_step_error(gyro, track.gyro_step) ** 2),
         accel=accel.mean(axis=0),
         gyro_noise=gyro_noise,
         accel_noise=_density(accel, track.accel_step, track.rate_hz),

@@ -127,7 +127,7 @@ def _decided(
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
-    sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _faults_told(probability))
+    sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _stated_probabilities(probability))
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
     how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
@@ -168,7 +168,7 @@ def _all_the_same(judged: Agreement, source: str) -> str:
     return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
 
 
-def _faults_told(probability: Mapping[str, float]) -> list[tuple[str, float]]:
+def _stated_probabilities(probability: Mapping[str, float]) -> list[tuple[str, float]]:
     """The probability that no sensor has a fault; of an aiding sensor that has one, which misled nobody."""
     if not probability:
         return []

@@ -50,7 +50,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
         return
     yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
     for part, shown in CALIBRATED.items():
-        if fit.told(part):
+        if fit.score(part):
             yield f"  {shown.title:<19}{_values(fit, part)} {shown.unit}"
             if part == "gyro_bias":
                 yield from _other_estimates(assessment)

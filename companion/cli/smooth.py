@@ -147,7 +147,7 @@ def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
         value = getattr(measured, sensor.key)
         seen, times = ("-", "-") if value is None else (fixed(value * sensor.factor), f"{value / given:.1f}")
         stated, used = fixed(given * sensor.factor), fixed(weighed * sensor.factor)
-        shown.add_row(sensor.key, sensor.unit, seen, stated, times, used, f"{best.lasting[i]:.1f}")
+        shown.add_row(sensor.key, sensor.unit, seen, stated, times, used, f"{best.correlated[i]:.1f}")
     return shown
 
 

@@ -43,8 +43,8 @@ def estimate_document(
         "noise": {
             "gyro_white": best.noise.gyro_noise,
             "accel_white": best.noise.accel_noise,
-            "gyro_lasting": best.lasting[0],
-            "accel_lasting": best.lasting[1],
+            "gyro_lasting": best.correlated[0],
+            "accel_lasting": best.correlated[1],
         },
         "constants": {
             name: {"value": states.constants[place], "sigma": best.constants_sigma[place]}

@@ -41,7 +41,7 @@ from companion.estimation.noise_density import (
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
 from companion.estimation.rest import at_rest
 from companion.estimation.search import times_of_change
-from companion.estimation.shapes import SLOPED, at_work
+from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,
@@ -82,10 +82,10 @@ __all__ = [
     "TurnedCompass",
     "Vibration",
     "WhiteNoise",
+    "activation",
     "allan_deviation",
     "allowing",
     "at_rest",
-    "at_work",
     "between_samples",
     "chi_square",
     "clip_counters",

@@ -9,11 +9,11 @@ from functools import reduce
 import numpy as np
 
 from companion.constants import num
-from companion.estimation.differences import Differences, Error, told_of_own
+from companion.estimation.differences import Differences, Error, score_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
-from companion.estimation.shapes import at_work
+from companion.estimation.shapes import activation
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
 
@@ -83,13 +83,15 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
     motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
     column = np.zeros((*motion.residual.shape, m))
     if signature.motion is not None:
-        column = signature.motion * at_work(choice.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
+        column = (
+            signature.motion * activation(choice.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
+        )
     motion = replace(motion, constants=np.concatenate((motion.constants, column), axis=2))
     for i, one in enumerate(measurements):
         own = np.zeros((*one.residual.shape, m))
         if one.name in signature.measurements:
             shape = choice.kind.shape_at(one.name, choice.shape)
-            own = signature.measurements[one.name] * at_work(shape, onset, end, one.t, one.t)[0][:, None, None]
+            own = signature.measurements[one.name] * activation(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
     return (
         replace(problem, motion=motion, measurements=tuple(measurements)),
@@ -107,7 +109,7 @@ def _from_differences(problem: Problem, choice: Choice) -> tuple[Array, Array]:
     b, v = np.zeros(1), np.full(1, (choice.kind.prior / float(reached[0])) ** -2.0)
     if (one := choice.error) is not None and choice.imu is None and problem.others:
         times = np.array([one.onset]), np.array([one.end])
-        told, information = told_of_own(problem.others, one.sensor, one.what, one.shape, *times)
+        told, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times)
         b, v = told[0], v + np.diagonal(information[0])
         if choice.axis >= 0:
             b, v = b[choice.axis : choice.axis + 1], v[choice.axis : choice.axis + 1]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import harm, healthy, num
-from companion.estimation.shapes import at_work
+from companion.estimation.shapes import activation
 from companion.model import Array, Flight, ImuTrack, interpolated
 
 
@@ -45,11 +45,11 @@ class Differences:
     aliased: Mapping[str, Array]  # (3,) 1σ of what vibration that its samples fold down may read like all the time
     weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
 
-    def told(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
+    def score(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
         """Gradient b (T, 3) and information V (T, 3, 3) of errors of this IMU from onsets to ends (T,), s.
 
         Of D data sets, values (B, 3, D), b is (T, 3, D).
-        Those of the estimate's own IMU have the same V, and -b: see `told_of_own`.
+        Those of the estimate's own IMU have the same V, and -b: see `score_of_own`.
         """
         columns = self.columns(sensor, what, shape, onset, end)
         weighed = columns @ self.weight[sensor]
@@ -88,7 +88,7 @@ class Differences:
 
     def columns(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> Array:
         """(3, T, B) the same of one that may begin and end at several times (T,)."""
-        share = at_work(shape, onset, end, self.t - 0.5 * self.width, self.t + 0.5 * self.width)
+        share = activation(shape, onset, end, self.t - 0.5 * self.width, self.t + 0.5 * self.width)
         if what == "shock":
             share = share / self.width
         if what != "scale":
@@ -113,11 +113,11 @@ def differences(
     return tuple(one for one in made if one is not None)
 
 
-def told_of_own(
+def score_of_own(
     others: Sequence[Differences], sensor: str, what: str, shape: str, onset: Array, end: Array
 ) -> tuple[Array, Array]:
     """What differences (one at least) tell of errors of the estimate's own IMU: b (T, 3), V (T, 3, 3)."""
-    told = [one.told(sensor, what, shape, onset, end) for one in others]
+    told = [one.score(sensor, what, shape, onset, end) for one in others]
     return np.asarray(-sum(b for b, _ in told)), np.asarray(sum(v for _, v in told))
 
 

@@ -83,8 +83,8 @@ class Kind:
     serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
     rate: float = 0.1  # faults an hour
     most: float = np.inf  # a size beyond it no such fault has: readings that far off are none, or something else is
-    summed: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
-    retimes: tuple[
+    integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
+    time_shifts: tuple[
         str, ...
     ] = ()  # aiding sensors whose readings speak of another time: linear in nothing but small sizes
 
@@ -126,13 +126,13 @@ class Kind:
         return not self.needs or problem.measurement(self.needs) is not None
 
     @property
-    def moments(self) -> int:
+    def basis_order(self) -> int:
         """1 where it is there or not, 2 where any of its shapes grows for any of its aiding sensors."""
-        return 2 if self.summed or any(shape in SLOPED for shape in self.shapes) else 1
+        return 2 if self.integrated or any(shape in SLOPED for shape in self.shapes) else 1
 
     def shape_at(self, measured: str, shape: str) -> str:
         """What a shape is for one of its aiding sensors."""
-        return INTEGRAL[shape] if measured in self.summed else shape
+        return INTEGRAL[shape] if measured in self.integrated else shape
 
 
 def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
@@ -269,7 +269,7 @@ KINDS: tuple[Kind, ...] = (
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
          "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rate=0.01,
-         summed=("gps_position",)),
+         integrated=("gps_position",)),
     Kind("gps_velocity", "the GPS velocity is off",
          by_length("the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
@@ -277,7 +277,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_latency", "the GPS comes later than before",
          by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
-         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS, rate=0.01),
+         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", time_shifts=_GPS, rate=0.01),
     Kind("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "

@@ -17,7 +17,7 @@ from companion.estimation.differences import Differences
 from companion.estimation.evidence import least_found
 from companion.estimation.explanations import KINDS, Kind, Problem
 from companion.estimation.search import detectable, times_of_change
-from companion.estimation.shapes import at_work
+from companion.estimation.shapes import activation
 from companion.estimation.system import Prior, Solution
 from companion.estimation.weighing import score
 from companion.model import Array
@@ -87,7 +87,7 @@ class Fault:
         sets = len(self.onset)
 
         def column(columns: Array, shape: str, start: Array, stop: Array) -> Array:
-            share = at_work(shape, self.onset, self.end, start, stop).T
+            share = activation(shape, self.onset, self.end, start, stop).T
             return (columns @ self.direction)[..., None] * share[:, None, :]
 
         motion = np.zeros((*problem.motion.transition.shape[:2], sets))

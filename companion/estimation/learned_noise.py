@@ -84,7 +84,7 @@ def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, flo
     }
 
 
-def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[str, tuple[float, float]]:
+def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[str, tuple[float, float]]:
     """Limits of the scales of aiding sensors that need more noise than usual, while their readings scatter by less.
 
     It is then no noise: they are off for long. Where it is so, the scale is limited to what one in order would have: a
@@ -274,7 +274,7 @@ def coloured(linear: Linear) -> dict[str, float]:
         (_in_body(linear, e)[moving, :STATES] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear))
     )
     return {
-        sensor: max(1.0, _lasting(own[:, block]) / _lasting(white[:, block]))
+        sensor: max(1.0, _correlation_factor(own[:, block]) / _correlation_factor(white[:, block]))
         for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY))
     }
 
@@ -293,7 +293,7 @@ def _drawn(linear: Linear) -> Array:
     return np.asarray((motion.weight @ left)[..., 0])
 
 
-def _lasting(values: Array) -> float:
+def _correlation_factor(values: Array) -> float:
     """The root of the sum of the autocorrelation of values (M, d), in a typical stretch; at least 1."""
     if len(values) < 4 * num.CORRELATED_LAGS:
         return 1.0

@@ -227,7 +227,7 @@ class BestEstimate:
     errors: ConstantErrors  # of the IMU
     first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the aiding sensors tell until then
     noise: ProcessNoise  # learned
-    lasting: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
+    correlated: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
     scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
     measurement_scale: Mapping[str, float]  # aiding sensor → learned σ over the nominal one
     residuals: Mapping[str, Residuals]

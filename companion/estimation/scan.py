@@ -41,8 +41,8 @@ class Scan:
         row = kind_of(kind)
         end = np.full(len(onset), len(self.cuts)) if end is None else end
         b, v = self.said[kind]
-        groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.summed[:1])]
-        share = np.concatenate([one[:, :, : row.moments] for one in groups], axis=2).reshape(len(onset), -1)
+        groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.integrated[:1])]
+        share = np.concatenate([one[:, :, : row.basis_order] for one in groups], axis=2).reshape(len(onset), -1)
         m = b.shape[2]
         crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
         return np.tensordot(share, b.reshape(-1, *b.shape[2:]), axes=1), np.einsum("tmqn,tq->tmn", crossed, share)
@@ -51,11 +51,11 @@ class Scan:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""
         stretch, cuts = np.arange(len(self.cuts)), self.cuts
         begun, ended = stretch >= onset[:, None], stretch >= end[:, None]
-        at_work = (begun & ~ended).astype(np.float64)
+        activation = (begun & ~ended).astype(np.float64)
         if shape not in SLOPED:
-            return np.stack((at_work, np.zeros_like(at_work)), axis=2)
+            return np.stack((activation, np.zeros_like(activation)), axis=2)
         reached = np.minimum(cuts, np.append(cuts, np.inf)[end][:, None]) - cuts[onset][:, None]
-        return np.stack((begun * reached, at_work), axis=2)
+        return np.stack((begun * reached, activation), axis=2)
 
 
 def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
@@ -74,13 +74,15 @@ def _said(
     problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Kind, Signature]
 ) -> dict[str, tuple[Array, Array]]:
     """What the columns of some kinds say; cuts (S,) s, the beginnings of stretches of so many keyframes."""
-    columns = {kind: (1 + bool(kind.summed)) * kind.moments for kind in signatures}
+    columns = {kind: (1 + bool(kind.integrated)) * kind.basis_order for kind in signatures}
     stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
     places, at = {}, 0
     for kind, whole in signatures.items():
         m = whole.unknowns
         for factors in changed(problem, solution, whole):
-            stack.add(factors, cuts, at + kind.moments * m * (factors.measured in kind.summed), kind.moments)
+            stack.add(
+                factors, cuts, at + kind.basis_order * m * (factors.measured in kind.integrated), kind.basis_order
+            )
         places[kind] = slice(at, at + columns[kind] * m)
         at = places[kind].stop
     beside = stack.beside_constants(solution)
@@ -122,14 +124,14 @@ class _Stack:
             np.zeros((stretches, width, width)),
         )
 
-    def add(self, factors: Factors, cuts: Array, at: int, moments: int) -> None:
+    def add(self, factors: Factors, cuts: Array, at: int, basis_order: int) -> None:
         """Columns that change some factors, from place `at` on: evenly, and growing where there are two moments."""
         m, length = factors.rows.shape[2], len(self.own) // len(cuts)
         stretch = factors.keyframe // length
         among = (stretch == np.arange(len(cuts))[:, None]).astype(np.float64)
         since = 0.5 * (factors.start + factors.stop) - cuts[stretch]
         final = (factors.keyframe + 1) % length == 0
-        for one in range(moments):
+        for one in range(basis_order):
             here, share = slice(at + one * m, at + (one + 1) * m), since**one
             self.own[factors.keyframe, :, here] += factors.rows * share[:, None, None]
             if factors.next_rows is not None:
@@ -138,7 +140,7 @@ class _Stack:
                 self.last[stretch[final], :, here] += beyond[final]
             self.border[:, :, here] += np.tensordot(among * share, factors.border, axes=1)
             self.b[:, here] += np.tensordot(among * share, factors.b, axes=1)
-            for other in range(moments):
+            for other in range(basis_order):
                 there = slice(at + other * m, at + (other + 1) * m)
                 self.v[:, here, there] += np.tensordot(among * share * since**other, factors.v, axes=1)
 

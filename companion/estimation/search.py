@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num
-from companion.estimation.differences import Differences, told_of_own
+from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
 from companion.estimation.scan import Scan, scan
 from companion.estimation.shapes import ENDING
 from companion.estimation.system import Solution
-from companion.estimation.weighing import jumps, pushes, score
+from companion.estimation.weighing import jumps, score, velocity_impulses
 from companion.model import Array
 
 _AT_EVERY_KEYFRAME = {
@@ -89,7 +89,7 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
     parts = [on_cuts(problem, solution, grid, kind, shape)]
     if kind.has_aiding(problem) and kind.side != "imu" and shape in ("step", "pulse"):
         first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
-        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
+        sudden = np.sort(velocity_impulses(problem, solution) if kind.integrated else jumps(problem, solution, kind))
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
         lasts = end - begin >= num.PULSE_MIN_S[kind.side]
@@ -167,7 +167,7 @@ def _scored(
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
     if kind.side == "imu" and problem.others:
-        told, information = told_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
+        told, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
         b, v = b + told, v + information
     return Cells(kind, shape, *times, b, v)
 
@@ -191,7 +191,7 @@ def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> C
     else:
         onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
     weight = _weight(problem, onset, end, width, width)
-    scores = one.told(kind.sensor, kind.error, shape, onset, end)
+    scores = one.score(kind.sensor, kind.error, shape, onset, end)
     return Cells(kind, shape, onset, end, weight, *scores, imu=one.instance)
 
 

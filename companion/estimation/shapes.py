@@ -18,7 +18,7 @@ INTEGRAL: Mapping[str, str] = {"step": "ramp", "pulse": "creep"}
 """Shape → that of its integral."""
 
 
-def at_work(shape: str, onset: Array, end: Array, start: Array, stop: Array) -> Array:
+def activation(shape: str, onset: Array, end: Array, start: Array, stop: Array) -> Array:
     """(T, F) how far an explanation from `onset` to `end` (T,) is at work between start and stop (F,), on average.
 
     A step, pulse or shock is 0 or 1, a ramp has the time since its onset, s, a creep that to its

@@ -20,7 +20,7 @@ from companion.estimation.evidence import Trial
 from companion.estimation.explanations import Problem
 from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
-from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
+from companion.estimation.learned_noise import believing, noise_limits, persistent_limits, scatter
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
@@ -35,11 +35,11 @@ from companion.estimation.model import (
     Rival,
     States,
 )
-from companion.estimation.retiming import retimed
 from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Solution, measurement_residual, solve
+from companion.estimation.time_shift import time_shifted
 from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
 
@@ -195,13 +195,13 @@ def _doubted_noise(
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
     if settled.noise.contradicts(shown) and not any(one.kind.side == "imu" for one in accepted):
         yield believing(noise_limits(setup), shown)
-    if limited := lasting(setup, settled.scale, linear):
+    if limited := persistent_limits(setup, settled.scale, linear):
         yield noise_limits(setup) | limited
 
 
 def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> Cause | None:
     """The estimate with one more hypothesis; None for what cannot be."""
-    possible = retimed(setup, start, accepted, choice)
+    possible = time_shifted(setup, start, accepted, choice)
     if possible is None:
         return None
     settled, linear = possible.estimated or estimate(
@@ -318,7 +318,7 @@ def _result(
         errors=constant_errors(states, linear.solution),
         first_half=of_first_half(linear),
         noise=settled.noise,
-        lasting=(
+        correlated=(
             linear.noise.gyro_noise / settled.noise.gyro_noise,
             linear.noise.accel_noise / settled.noise.accel_noise,
         ),

@@ -14,7 +14,7 @@ import numpy as np
 from companion.constants import num
 from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import VELOCITY
-from companion.estimation.shapes import at_work
+from companion.estimation.shapes import activation
 from companion.estimation.system import Index, Solution, applied, measurement_residual, motion_residual
 from companion.model import Array
 
@@ -31,7 +31,7 @@ def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
     return np.asarray(0.5 * (one.t[order] + one.t[order + 1]))
 
 
-def pushes(problem: Problem, solution: Solution) -> Array:
+def velocity_impulses(problem: Problem, solution: Solution) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
     at = _peaks(solution)
     return np.asarray(problem.t[at[: num.MAX_JUMPS]] + 1e-3)
@@ -132,7 +132,7 @@ def _told(
     border = np.zeros((solution.border.shape[2], pieces, m))
     b, v = np.zeros((pieces, *factors[0].b.shape[1:])), np.zeros((tries, m, m))
     for one in factors:
-        share = at_work(kind.shape_at(one.measured, shape), moments[:-1], moments[1:], one.start, one.stop)
+        share = activation(kind.shape_at(one.measured, shape), moments[:-1], moments[1:], one.start, one.stop)
         b += np.tensordot(share, one.b, axes=1)
         v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)

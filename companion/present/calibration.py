@@ -47,7 +47,7 @@ CALIBRATED: Mapping[str, CalibratedPart] = {
 
 def not_observable(fit: Calibration) -> list[str]:
     """The titles of the parts that are not observable in the flight."""
-    return [part.title for name, part in CALIBRATED.items() if not fit.told(name)]
+    return [part.title for name, part in CALIBRATED.items() if not fit.score(name)]
 
 
 def by_best_estimate(fit: Calibration) -> list[str]:

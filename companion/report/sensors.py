@@ -31,7 +31,7 @@ def calibration(subject: Subject) -> str:
     fit = subject.assessment.calibration
     if fit is None:
         return paragraph("Not made: too few windows of 5 s, or none that can be fitted.")
-    rows = [[part.title, _values(fit, name), part.unit] for name, part in CALIBRATED.items() if fit.told(name)]
+    rows = [[part.title, _values(fit, name), part.unit] for name, part in CALIBRATED.items() if fit.score(name)]
     shown = table(["error", "± one standard error", ""], rows, name="calibration-table", words=3) if rows else ""
     if unknown := not_observable(fit):
         shown += paragraph(f"Not observable in this flight: {', '.join(unknown)}.")
@@ -90,7 +90,7 @@ def _intervals(fit: Calibration) -> list[traces.Panel]:
     """The vectors that are observable, each with a unit of its own."""
     panels = []
     for name, part in CALIBRATED.items():
-        if part.axes is not present.AXES or not fit.told(name):
+        if part.axes is not present.AXES or not fit.score(name):
             continue
         first = PARTS[name].start
         seen = [k for k in range(3) if fit.observable[first + k]]

@@ -102,10 +102,10 @@ _SLACK = 1.1  # of the window: trimmed when it has grown to this
 _SURE = 25  # packets with a clock after a reboot: fewer may be an echo of old ones
 _SAME_BYTES = 100_000  # two reboots nearer than this in the stream are one, seen in other messages
 
-_LASTING = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_ORIGIN": None, "HOME_POSITION": None}
+_PERSISTENT = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_ORIGIN": None, "HOME_POSITION": None}
 """Sent once and true for long: the last of each sender (and value of a field) is kept whatever the window."""
 
-_TELLING = frozenset({"HEARTBEAT", *_LASTING})
+_TELLING = frozenset({"HEARTBEAT", *_PERSISTENT})
 """Rare messages that say what the vehicle is: `recent` looks at all of them."""
 
 
@@ -230,8 +230,8 @@ class Stream:
         self.flights()  # which remembers what is said only once: reboots, origin, firmware
         for name, column in self._columns.items():
             messages = column.messages()
-            lasting = name in _LASTING
-            column.keep(_last_of_each(messages, _LASTING[name]) if lasting else ~(messages.log_time < since))
+            lasting = name in _PERSISTENT
+            column.keep(_last_of_each(messages, _PERSISTENT[name]) if lasting else ~(messages.log_time < since))
         self._columns = {name: column for name, column in self._columns.items() if len(column)}
         self._begin = since
 

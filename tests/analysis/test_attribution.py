@@ -312,7 +312,7 @@ def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, b
         imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * DOWN))
     third = replace(best, imu=imu)
     found = estimator_deviations(other, third, Limits())
-    assert {(d.quantity, d.as_the_imu) for d in found} == {("heading", felt)}
+    assert {(d.quantity, d.imu_confirms) for d in found} == {("heading", felt)}
     (finding,) = findings_of((), found, third)
     assert finding.side == ("data" if felt else "autopilot")
     assert ("the IMU moved as the autopilot says" in finding.evidence) == felt
@@ -331,7 +331,7 @@ def test_an_estimate_that_speeds_up_as_the_accelerometer_says_is_not_accused(
         imu = replace(imu, accel=imu.accel + during[:, None] * quaternion.rotate(quaternion.conjugate(q), north))
     third = replace(best, imu=imu)
     found = estimator_deviations(replace(flight, position=track), third, Limits())
-    assert {(d.quantity, d.as_the_imu) for d in found} == {("velocity", felt)}
+    assert {(d.quantity, d.imu_confirms) for d in found} == {("velocity", felt)}
     assert [f.side for f in findings_of((), found, third)] == ["data" if felt else "autopilot"]
 
 
@@ -441,7 +441,7 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
     (told,) = findings_of((), (away,), noisy, [jump])
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence
-    before = EstimatorDeviation("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, as_the_imu=True)
+    before = EstimatorDeviation("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, imu_confirms=True)
     assert [one.side for one in findings_of((), (before, away), best, [jump])] == ["data", "data"]
 
 

@@ -19,7 +19,7 @@ from companion.analysis import (
     compare,
     drift_of,
 )
-from companion.analysis.lasting_errors import Known
+from companion.analysis.persistent_errors import Known
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds
@@ -69,7 +69,7 @@ def test_figures_are_found_within_three_standard_errors() -> None:
             ("accel_scale", accel_scale),
         ):
             tally[part] = tuple(np.add(tally[part], outside(found, part, truth)))
-        assert found.told("gyro_bias")
+        assert found.score("gyro_bias")
     assert sum(wrong for wrong, _ in tally.values()) <= 0.01 * sum(seen for _, seen in tally.values()), tally
     assert tally["gyro_bias"][1] == 60
     assert tally["accel_bias"][1] > 40
@@ -88,7 +88,7 @@ def test_a_lag_is_found() -> None:
     motion = lively()
     late = replace(motion.imu, t=motion.t + 0.012)
     found = fit(motion, late)
-    assert found.told("time_offset")
+    assert found.score("time_offset")
     assert found.correction.time_offset == pytest.approx(0.012, abs=5e-4)
 
 
@@ -110,7 +110,7 @@ def test_a_lever_arm_is_found() -> None:
     angular = np.gradient(motion.gyro, motion.t, axis=0, edge_order=2)
     felt = motion.accel + np.cross(angular, arm) + np.cross(motion.gyro, np.cross(motion.gyro, arm))
     found = fit(motion, replace(motion.imu, accel=felt))
-    assert found.told("lever_arm")
+    assert found.score("lever_arm")
     assert found.values[PARTS["lever_arm"]] == pytest.approx(arm, abs=0.02)
     assert outside(found, "lever_arm", arm)[0] == 0
     assert outside(found, "accel_bias", np.zeros(3))[0] == 0
@@ -121,7 +121,7 @@ def test_axes_that_are_not_square_are_found() -> None:
     axes = np.array([0.01, -0.012, 0.008, 0.006, -0.009, 0.011])
     spoilt = np.linalg.inv(Correction(gyro_misalignment=axes).apply(_unit()).gyro.T)
     found = fit(motion, replace(motion.imu, gyro=motion.gyro @ spoilt.T))
-    assert found.told("gyro_misalignment")
+    assert found.score("gyro_misalignment")
     wrong, seen = outside(found, "gyro_misalignment", axes)
     assert seen >= 3
     assert wrong == 0
@@ -142,7 +142,7 @@ def test_a_hover_cannot_tell_an_accelerometer_bias_from_a_tilt_or_a_scale() -> N
     assert all(found.observable[PARTS["gyro_bias"]])
     assert found.observable[PARTS["accel_bias"]] == (False, False, True)
     assert found.confounded[3:5] == ("mounting_y", "mounting_x")
-    assert not any(found.told(part) for part in ("mounting", "time_offset", "gyro_scale", "accel_scale", "lever_arm"))
+    assert not any(found.score(part) for part in ("mounting", "time_offset", "gyro_scale", "accel_scale", "lever_arm"))
     value, sigma = found.level_force
     assert value == pytest.approx(-0.0098, abs=3 * sigma)
     assert sigma < 0.006

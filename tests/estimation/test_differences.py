@@ -97,8 +97,8 @@ def test_the_order_of_two_imus_is_that_of_the_sign() -> None:
     one, other = flown().imu(), sibling(gyro=step(0.0, 0.02, 0.0))
     (there,), (back,) = (differences(beside(other), used) for used in (one, other))
     times = np.array([ONSET]), np.array([np.inf])
-    b, v = there.told("gyro", "bias", "step", *times)
-    b_back, v_back = back.told("gyro", "bias", "step", *times)
+    b, v = there.score("gyro", "bias", "step", *times)
+    b_back, v_back = back.score("gyro", "bias", "step", *times)
     assert b == pytest.approx(-b_back)
     assert v == pytest.approx(v_back)
     assert (b / np.diagonal(v, axis1=1, axis2=2))[0] == pytest.approx([0.0, 0.02, 0.0], abs=1e-3)
@@ -108,10 +108,10 @@ def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> No
     (one,) = differences(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu())
     error = Error("gyro", "bias", 1e3, "step", ONSET, np.inf, -1)
     ((size, sigma),) = one.sizes([error])
-    b, v = one.told("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    b, v = one.score("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
     assert size == pytest.approx(np.linalg.solve(v[0], b[0]))
     assert sigma == pytest.approx(np.diagonal(v[0]) ** -0.5)
-    b, v = one.beside(error).told("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    b, v = one.beside(error).score("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
     assert abs(b).max() < 1e-2 * sigma.min() ** -1
     assert np.trace(v[0]) < 1e-3
 

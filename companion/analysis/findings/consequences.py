@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.aiding import misled_by_frozen
 from companion.analysis.findings.turned import misled_by_turned
-from companion.analysis.lasting_errors import ALL_THE_TIME
+from companion.analysis.persistent_errors import ALL_THE_TIME
 from companion.constants import check
 from companion.model import Flight, Series
 

@@ -13,8 +13,8 @@ from companion.estimation import kind_of, probabilities, smooth
 from companion.estimation.choice import Choice
 from companion.estimation.iteration import start_of
 from companion.estimation.measurements import Readings
-from companion.estimation.retiming import retimed
 from companion.estimation.setup import first_guess, set_up
+from companion.estimation.time_shift import time_shifted
 from companion.model import STANDARD_GRAVITY, Flight
 from companion.strapdown import Motion
 from tests.estimation.sensed import LATENCY, errors, gps_of, sensed, with_imu
@@ -97,7 +97,7 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     flight, truth = sensed(45.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
-    possible = retimed(
+    possible = time_shifted(
         setup, start, [], Choice(kind_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0)
     )
     assert possible is not None

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from companion.analysis.budget import lasting_step_error
+from companion.analysis.budget import persistent_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
 from companion.analysis.imu_spec import ImuSpec
@@ -35,7 +35,7 @@ def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
     wider, turn = allowing(errors, imu.gyro.scale_tolerance, imu.accel.scale), _to_figures()
     place = np.concatenate([np.arange(len(NAMES))[PARTS[part]] for part in _COMMON])
     values, possible = np.zeros(len(NAMES)), np.zeros(len(NAMES))
-    covariance = lasting_covariance(track)
+    covariance = persistent_covariance(track)
     values[place] = turn @ wider.values
     covariance[np.ix_(place, place)] += turn @ wider.covariance @ turn.T
     possible[place] = np.sqrt(np.diag(turn @ np.diag(wider.possible**2) @ turn.T))
@@ -43,14 +43,14 @@ def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
     return Known(values, covariance, observable)
 
 
-def lasting_covariance(track: ImuTrack) -> Array:
+def persistent_covariance(track: ImuTrack) -> Array:
     """(28, 28) of what truncation takes from every reading of a flight, which no fit can tell from a bias."""
     out = np.zeros((len(NAMES), len(NAMES)))
     for part, readings, step in (
         ("gyro_bias", track.gyro, track.gyro_step),
         ("accel_bias", track.accel, track.accel_step),
     ):
-        out[PARTS[part], PARTS[part]] = np.diag(lasting_step_error(readings, step) ** 2)
+        out[PARTS[part], PARTS[part]] = np.diag(persistent_step_error(readings, step) ** 2)
     return out
 
 

@@ -19,7 +19,7 @@ from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
-from companion.estimation.shapes import at_work
+from companion.estimation.shapes import activation
 from companion.estimation.system import misfit
 from companion.model import Array
 
@@ -27,7 +27,7 @@ Limits = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Retimed:
+class TimeShifted:
     """The readings at the times that they speak of if a choice is right, and the choice so found."""
 
     setup: Setup
@@ -35,16 +35,16 @@ class Retimed:
     estimated: tuple[Start, Linear] | None = None  # of both, where that was needed to find them
 
 
-def retimed(
+def time_shifted(
     setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
-) -> Retimed | None:
+) -> TimeShifted | None:
     """The problem with the readings where a choice puts them.
 
     As it is where the choice moves no readings in time, or its size does not settle; None where readings would speak of
     what has not happened yet. limits: of the densities of the IMU, see `estimate`.
     """
-    if not choice.kind.retimes:
-        return Retimed(setup, choice)
+    if not choice.kind.time_shifts:
+        return TimeShifted(setup, choice)
     linearly, moved, settled = choice, setup, start
     for searched in (False, True):
         for _ in range(num.LATENCY_ROUNDS):
@@ -57,20 +57,20 @@ def retimed(
                 return None
             moved = _moved(setup, choice)
         else:
-            return Retimed(setup, linearly)
+            return TimeShifted(setup, linearly)
         if searched or choice.shape != "step" or abs(choice.taken) < num.LATENCY_SEARCHED_S:
             break
         choice = _with_onset(setup, settled, accepted, choice)
         moved = _moved(setup, choice)
-    return Retimed(moved, choice, (settled, linear))
+    return TimeShifted(moved, choice, (settled, linear))
 
 
 def _moved(setup: Setup, choice: Choice) -> Setup:
     """The readings at the times that they speak of, while the choice is at work."""
     onset, end = np.array([choice.onset]), np.array([choice.end])
     readings = tuple(
-        one.later(choice.taken * at_work(choice.shape, onset, end, one.t, one.t)[0], setup.t)
-        if one.name in choice.kind.retimes
+        one.later(choice.taken * activation(choice.shape, onset, end, one.t, one.t)[0], setup.t)
+        if one.name in choice.kind.time_shifts
         else one
         for one in setup.readings
     )
