@@ -54,7 +54,7 @@ def estimator_deviations(
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
-    heading, doubt = _heading_off(error[:, 2], best, judged, flight.resets)
+    heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
     shaken, between = _shaken(best), reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
     tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
     off = {
@@ -157,6 +157,23 @@ def at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
     for one in np.unique(which[where]):
         first[which == one] = np.median(values[_early(where & (which == one))], axis=0)
     return first
+
+
+def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
+    """(K,) rad, the error of a heading less what a calibrated compass does to one that follows it, in part or wholly.
+
+    The best estimate has its constant iron as a state; an autopilot that takes the compass at its word is in order. It
+    follows for seconds: what the compass is turned by in any attitude of the flight may last in another.
+    """
+    iron = best.states.constant("hard_iron")
+    if "compass" not in best.residuals or float(np.linalg.norm(iron)) > healthy.USUAL_IRON:
+        return error
+    field, matrix = best.states.constant("earth_field"), quaternion.to_matrix(best.q_ned_frd)
+    distorted = np.eye(3) + best.states.constant("soft_iron").reshape(3, 3)
+    read = (matrix @ (distorted @ (matrix.swapaxes(1, 2) @ field)[..., None] + iron[:, None]))[..., 0]
+    apart = np.arctan2(field[1], field[0]) - np.arctan2(read[:, 1], read[:, 0])
+    turned = np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
+    return error - np.clip(error, min(turned.min(), 0.0), max(turned.max(), 0.0))
 
 
 def _heading_off(

@@ -26,7 +26,7 @@ from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
-from companion.estimation import KINDS, BestEstimate, Explained, Rival, Size, kind_of
+from companion.estimation import CONSTANTS, KINDS, BestEstimate, Explained, Rival, Size, kind_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
@@ -113,7 +113,7 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     doubted = turned_whole(best)
     (heading,) = estimator_deviations(headed(flight, 20.0), doubted, Limits())
     assert heading.start == pytest.approx(ONSET, abs=1.0)
-    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
+    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=1.0)
     assert estimator_deviations(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
 
 
@@ -126,7 +126,7 @@ def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_o
     assert estimator_deviations(other, doubted, Limits()) == ()
     further = turned(flight, np.radians(np.where(later, 200.0, 178.0))[:, None] * DOWN)
     (heading,) = estimator_deviations(further, doubted, Limits())
-    assert np.degrees(heading.size) == pytest.approx(22.0, abs=1.0)
+    assert np.degrees(heading.size) == pytest.approx(22.0, abs=2.0)
 
 
 def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Flight, best: BestEstimate) -> None:
@@ -134,7 +134,7 @@ def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Fligh
     later = flight.require_attitude().t >= ONSET
     other = turned(flight, np.radians(np.where(later, 8.0, -8.0))[:, None] * DOWN)
     (heading,) = estimator_deviations(other, turned_whole(best), Limits())
-    assert np.degrees(heading.size) == pytest.approx(16.0, abs=1.0)
+    assert np.degrees(heading.size) == pytest.approx(16.0, abs=2.0)
     assert estimator_deviations(other, unsure(best), Limits()) == ()
 
 
@@ -244,6 +244,21 @@ def test_an_estimate_that_is_off_from_the_beginning_is_told(flight: Flight, best
     other = turned(flight, np.radians(40.0) * (flight.require_attitude().t < until)[:, None] * DOWN)
     found = [f for f in findings_of((), estimator_deviations(other, best, Limits()), best) if f.kind == "heading_off"]
     assert found[0].side == "autopilot"
+
+
+@pytest.mark.parametrize(("off", "deviates"), [(-20.0, False), (-10.0, False), (20.0, True), (-60.0, True)])
+def test_a_heading_that_follows_a_calibrated_compass_is_not_off(
+    flight: Flight, best: BestEstimate, off: float, deviates: bool
+) -> None:
+    """One whose constant errors turn the field by 20° about the vertical of the body."""
+    constants = best.states.constants.copy()
+    place, _ = CONSTANTS["soft_iron"]
+    about_down = quaternion.to_matrix(quaternion.exp(np.radians([0.0, 0.0, 20.0])))
+    constants[place] = (about_down - np.eye(3)).ravel()
+    with_iron = replace(best, states=replace(best.states, constants=constants))
+    follows_it = turned(flight, np.radians([[0.0, 0.0, off]]))
+    found = estimator_deviations(follows_it, with_iron, Limits())
+    assert ("heading" in [d.quantity for d in found]) is deviates
 
 
 def test_an_imu_that_is_known_to_sit_askew_is_no_deviation(flight: Flight, best: BestEstimate) -> None:
