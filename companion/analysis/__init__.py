@@ -29,7 +29,7 @@ from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
-from companion.analysis.live_verdict import STALE_S, Alarm, Band, LiveVerdict, State
+from companion.analysis.live_verdict import Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
     FlightNoise,
@@ -68,7 +68,6 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
-    "STALE_S",
     "Agreement",
     "Alarm",
     "Alignment",

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-STALE_S = 5.0
-"""From which age of its data on a verdict is none of now any more: it is renewed every 4 s."""
+from companion.constants import check
 
 Band = tuple[tuple[float, float, float, float], ...]
 """Time since an anchor, s, and 1σ of what the error is expected to be then: attitude °, velocity m/s, position m."""
@@ -43,7 +42,7 @@ class LiveVerdict:
     @property
     def is_stale(self) -> bool:
         """Whether it says nothing of now."""
-        return bool(self.newest) and (self.silent or self.age_s > STALE_S)
+        return bool(self.newest) and (self.silent or self.age_s > check.STALE_S)
 
     @property
     def now(self) -> tuple[State, str]:

@@ -13,8 +13,6 @@ from companion.model import Array, Flight
 Reading = tuple[Array, Array]
 """(m,) what a sensor reads too much, and 1σ of it."""
 
-_DIAGONAL = [0, 4, 8]
-
 
 def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
     """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
@@ -30,7 +28,7 @@ def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float 
         variance = np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2
     else:
         place, _ = CONSTANTS[f"{cause.sensor}_matrix"]
-        value, variance = best.states.constants[place][_DIAGONAL], best.constants_sigma[place][_DIAGONAL] ** 2
+        value, variance = best.states.constants[place][::4], best.constants_sigma[place][::4] ** 2  # of the diagonal
     for part in (one for one in best.explained if one.kind == cause.kind and one.imu is None):
         share = share_at(part, float(best.t[-1]))
         if until is None or part.onset < until - check.NEAR_S:

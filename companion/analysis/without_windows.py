@@ -5,11 +5,9 @@ from __future__ import annotations
 from companion.analysis.agreement import Agreement
 from companion.analysis.comparison import left_out
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS
-from companion.constants import num
+from companion.constants import check, num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import counted
-
-_ANY = 100.0  # times the size that such faults have: no sensor reads so much
 
 
 def unseen(best: BestEstimate | None, no_windows: str) -> str:
@@ -36,7 +34,7 @@ def _biases(best: BestEstimate) -> dict[str, float]:
 
 def _bias_of(sensor: str, best: BestEstimate) -> str:
     unit, scale, decimals = BIAS_UNITS[sensor]
-    if _biases(best)[sensor] > _ANY * kind_of(f"{sensor}_bias").prior:
+    if _biases(best)[sensor] > check.ANY_BIAS * kind_of(f"{sensor}_bias").prior:
         return f"any bias of the {SENSORS[sensor]}"
     return f"a bias of the {SENSORS[sensor]} of {scale * _biases(best)[sensor]:.{decimals}f} {unit}"
 

@@ -152,3 +152,7 @@ LAG_OVERSAMPLED = 10  # of the grid for each sample
 LONG_REST_S = 120.0  # long enough for an Allan deviation to show more than white noise
 SHORT_REST_S = 10.0  # that shows white noise
 FILTERED_PERIODS = 5.0  # of a low-pass's corner: τ below are not white noise's, which loses 1.5 % of N there
+
+# What is said
+ANY_BIAS = 100.0  # times the size that such faults have: no sensor reads so much
+STALE_S = 5.0  # from which age of its data on a live verdict is none of now any more: it is renewed every 4 s
