@@ -39,7 +39,7 @@ MAY_IMPORT = {
     "app.sensors": GROUND | {"installation", "telemetry", "app.toml_file", "analysis"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
-    | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
+    | {"constants.num", "app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"constants.num", "mavlink", "estimation", "analysis"}

@@ -169,8 +169,9 @@ def assess(
     correction: Correction = NO_CORRECTION,
     before: BestEstimate | None = None,
     confusion: bool = False,
+    most_causes: int = num.MAX_EXPLAINED,
 ) -> Assessment:
-    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion: as `smooth` has them."""
+    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion, most_causes: as `smooth`."""
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
     seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
@@ -178,15 +179,15 @@ def assess(
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, figures, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    chosen = windows(judged, num.JUDGED_S)
-    allowed = expected_over(judged, chosen, figures, autopilot)
+    allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), figures, autopilot)
     faults = reading_faults(seen, judged, figures)
     faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room
-    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ, confusion=confusion)
+    estimate = partial(smooth, confusion=confusion, most_causes=most_causes)
+    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += [*told_by_it, *frozen]
     turned = turned_others(seen, judged.track, faults, best)
@@ -255,37 +256,37 @@ def _best(
     faults: Sequence[Finding],
     out: Sequence[tuple[float, float]],
     before: BestEstimate | None,
+    estimate: Callable[..., BestEstimate],
     *,
     differ: bool,
-    confusion: bool = False,
 ) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; or why there is none.
 
     And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
     GPS tells of these: a compass and gravity by themselves fit many ways.
-    out: out of control, s. differ: whether windows that are enough to be judged do.
+    out: out of control, s. estimate: `smooth`. differ: whether windows that are enough to be judged do.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
         return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
     untrusted = [*out, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
-    again = partial(smooth, imu=imu, gravity=gravity, untrusted=untrusted)
+    again = partial(estimate, imu=imu, gravity=gravity, untrusted=untrusted)
     try:
-        best = again(flight, before=before, confusion=confusion)
+        best = again(flight, before=before)
     except NoEstimateError as why:
         if not out:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
             again = partial(again, span=max(between(out, comparison.track.t), key=lambda one: one[1] - one[0]))
-            best = again(flight, confusion=confusion)
+            best = again(flight)
         except NoEstimateError:
             return why, []
     told = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
     turned_itself = any(f.kind == "axes_wrong" for f in faults)
     righted, turned = (flight, []) if told or turned_itself else righted_compasses(flight, best, again)
     if told := [*told, *turned]:
-        best_so, more = _best(righted, comparison, [*faults, *told], out, before, differ=differ, confusion=confusion)
+        best_so, more = _best(righted, comparison, [*faults, *told], out, before, estimate, differ=differ)
         return best_so, [*told, *more]
     if not differ or "gps_position" not in best.residuals or turned_itself:
         return best, []

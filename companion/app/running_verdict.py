@@ -51,6 +51,7 @@ _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: a
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
 _BEGINS_S = 30.0  # since arming or take-off: what a verdict rests on is only gathered then
+_MOST_CAUSES = 2  # of one piece: more are seldom faults, and each takes as long as all else
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"
@@ -251,7 +252,7 @@ def verdict_on(assignment: Assignment) -> Judging:
         if of is None or now[:2] != of[:2]:
             standing, since = (), flight.start
         try:
-            assessment = assess_imu(flight, settings, imu=imu, before=before)
+            assessment = assess_imu(flight, settings, imu=imu, before=before, most_causes=_MOST_CAUSES)
         except DataError as why:
             of = now
             if not standing:

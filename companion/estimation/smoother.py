@@ -53,6 +53,7 @@ def smooth(
     untrusted: Sequence[tuple[float, float]] = (),
     before: BestEstimate | None = None,
     confusion: bool = False,
+    most_causes: int = num.MAX_EXPLAINED,
 ) -> BestEstimate:
     """The best estimate of a flight's trajectory from one IMU and every aiding sensor but the autopilot's own estimate.
 
@@ -61,14 +62,16 @@ def smooth(
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
     confusion: whether to find out what faults would be called, and from which size on they are told from their rivals.
+    most_causes: that are explained, each of which takes as long as the estimate itself.
 
     Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
     with boundary(flight.imu(imu).source):
         setup = set_up(flight, imu, gravity, span, untrusted)
         begin = guesses(setup, flight) if guess is None else (guess,)
-        starts = (start_of(setup, one) for one in begin)
-        return explain(setup, starts if before is None else resuming(starts, setup, before), confusion=confusion)
+        guessed = (start_of(setup, one) for one in begin)
+        starts = guessed if before is None else resuming(guessed, setup, before)
+        return explain(setup, starts, confusion=confusion, most_causes=most_causes)
 
 
 @contextlib.contextmanager
@@ -87,7 +90,9 @@ def boundary(imu: str) -> Iterator[None]:
         ) from error
 
 
-def explain(setup: Setup, starts: Iterable[Start], *, confusion: bool = False) -> BestEstimate:
+def explain(
+    setup: Setup, starts: Iterable[Start], *, confusion: bool = False, most_causes: int = num.MAX_EXPLAINED
+) -> BestEstimate:
     """The estimate with every cause that the readings ask for: one after the other, each time the likeliest.
 
     starts: where the iteration may begin: at the first, and where the IMU does not fit then, at that which fits best.
@@ -97,7 +102,7 @@ def explain(setup: Setup, starts: Iterable[Start], *, confusion: bool = False) -
     shown = scatter(setup)
     start, settled, linear = _begun(setup, starts, shown)
     further: tuple[Rival, ...] = ()
-    while len(accepted) < num.MAX_EXPLAINED:
+    while len(accepted) < most_causes:
         cause = next_cause(setup, start, settled, linear, accepted, shown)
         if isinstance(cause, Cause):
             accepted.append(cause.choice)

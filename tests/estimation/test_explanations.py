@@ -170,6 +170,12 @@ def test_what_would_have_shown_is_accused(share: float, told: bool) -> None:
         assert (max(sure, default=0.0) >= ACCUSED) == told
 
 
+def test_no_more_is_explained_than_is_asked_for() -> None:
+    """Of a gyro that steps and a GPS that jumps the likelier alone."""
+    both = smooth(gyro_step(gps_jump(sensed(60.0, rate=50.0)[0])), most_causes=1)
+    assert len(both.explained) == 1
+
+
 def test_a_compass_that_turns_has_its_axis() -> None:
     """As the rotation of what it reads, in the body; to first order."""
     largest = max(found_in("compass turn").explained, key=log_odds)
