@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, EstimatorDeviation
 from companion.analysis.finding import IntArray, runs
-from companion.analysis.phases import flown, phases
+from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
@@ -48,7 +48,7 @@ def estimator_deviations(
     """
     t = best.t
     reference = reference_at(flight.require_attitude(), flight.position, t, limits)
-    judged = _judged(flight, t) & reference.attitude_known
+    judged = judged_at(flight, t) & reference.attitude_known
     if judged.sum() < 5:
         return ()
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
@@ -209,17 +209,6 @@ def least_deviation(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a deviation where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
     return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
-
-
-def _judged(flight: Flight, t: Array) -> BoolArray:
-    """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
-    parts = phases(flight)
-    aloft = [p for p in parts if p.kind == "flight"]
-    judged = np.zeros(len(t), np.bool_)
-    for part in aloft or [p for p in parts if p.kind == "standing"]:
-        begin = part.start if aloft else part.start + healthy.ALIGNS_S
-        judged |= (t >= begin) & (t <= part.end)
-    return judged
 
 
 def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:

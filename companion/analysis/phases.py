@@ -15,6 +15,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis.loss_of_control import Span, body_rates, down_in_body, losses_of_control
 from companion.constants import check, harm, healthy
@@ -206,3 +207,14 @@ def _settled(flight: Flight, until: float) -> float:
     heading = np.unwrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
     off = np.flatnonzero(np.abs(heading - heading[-1]) > healthy.HEADING_SETTLED_RAD)
     return float(track.t[before[off[-1]]]) if len(off) else flight.start
+
+
+def judged_at(flight: Flight, t: Array) -> npt.NDArray[np.bool_]:
+    """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
+    parts = phases(flight)
+    aloft = [p for p in parts if p.kind == "flight"]
+    judged = np.zeros(len(t), np.bool_)
+    for part in aloft or [p for p in parts if p.kind == "standing"]:
+        begin = part.start if aloft else part.start + healthy.ALIGNS_S
+        judged |= (t >= begin) & (t <= part.end)
+    return judged

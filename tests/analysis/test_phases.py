@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis.phases import phases
+from companion.analysis.phases import judged_at, phases
 from companion.model import (
     Array,
     AttitudeTrack,
@@ -63,6 +63,17 @@ def test_a_flight_of_no_length_has_a_phase() -> None:
 
 def test_a_flight_from_the_ground_and_back() -> None:
     assert told(story()) == [("standing", 0.0, 40.0), ("flight", 40.0, 80.0), ("landed", 80.0, 100.0)]
+
+
+def test_an_estimator_is_judged_in_the_air_alone_and_on_a_bench_once_it_has_aligned() -> None:
+    flight = story()
+    (flown,) = (part for part in phases(flight) if part.kind == "flight")
+    t = np.array([flown.start - 1.0, flown.start + 1.0, flown.end - 1.0, flown.end + 1.0])
+    assert judged_at(flight, t).tolist() == [False, True, True, False]
+    bench = replace(flight, position=None, events=())
+    (part,) = phases(bench)
+    assert part.kind == "standing"
+    assert judged_at(bench, np.array([part.start + 1.0, part.end - 1.0])).tolist() == [False, True]
 
 
 def test_what_drives_and_stops_is_on_its_way_until_it_is_disarmed() -> None:

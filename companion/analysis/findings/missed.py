@@ -10,7 +10,8 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, run_edges
 from companion.analysis.findings.stuck import Sensor, stuck_finding
-from companion.analysis.reference import length
+from companion.analysis.phases import judged_at
+from companion.analysis.reference import BoolArray, length
 from companion.constants import check, healthy
 from companion.estimation import BestEstimate, Explained, motion_between
 from companion.model import Flight, ImuTrack, NoEstimateError
@@ -44,7 +45,7 @@ def missed_findings(
     """
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     apart: list[BestEstimate | None] = []
-    for one in _missed(comparison, best):
+    for one in _missed(comparison, best, judged_at(flight, best.t)):
         if one.sensor.name == "gyro":
             meanwhile = [o for o in others if _read_throughout(o, one)]
             if meanwhile and not any(_turned_too(o, one, best) for o in meanwhile):
@@ -102,11 +103,11 @@ def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
     return float((np.diff(angle) / np.diff(at)).std()) > check.MISSED_CONFIRMED * missed.size
 
 
-def _missed(comparison: Comparison, best: BestEstimate) -> Iterator[_Missed]:
+def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> Iterator[_Missed]:
     """Axes that read the same while the estimate moves along them by far more than they miss elsewhere.
 
     Only where something of that sensor had to be explained: a shock, or noise, which accuse nobody; but they move every
-    reading.
+    reading. judged: (K,) keyframes in the air: on the ground a sensor without noise rightly reads the same.
     """
     track = comparison.track
     sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
@@ -120,7 +121,7 @@ def _missed(comparison: Comparison, best: BestEstimate) -> Iterator[_Missed]:
             first, last = run_edges(np.asarray(sensor.same[:, axis]))
             for i in np.flatnonzero(track.t[last + 1] - track.t[first] > healthy.STUCK_S):
                 begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
-                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
+                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end) & judged[:-1] & judged[1:]
                 few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
                 if few or not _explained(best, name, begin, end):
                     continue
