@@ -162,8 +162,7 @@ def at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
 def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
     """(K,) rad, the error of a heading less what a calibrated compass does to one that follows it, in part or wholly.
 
-    The best estimate has its constant iron as a state; an autopilot that takes the compass at its word is in order. It
-    follows for seconds: what the compass is turned by in any attitude of the flight may last in another.
+    The best estimate has its constant iron as a state; an autopilot that takes the compass at its word is in order.
     """
     iron = best.states.constant("hard_iron")
     if "compass" not in best.residuals or float(np.linalg.norm(iron)) > healthy.USUAL_IRON:
@@ -173,7 +172,7 @@ def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
     read = (matrix @ (distorted @ (matrix.swapaxes(1, 2) @ field)[..., None] + iron[:, None]))[..., 0]
     apart = np.arctan2(field[1], field[0]) - np.arctan2(read[:, 1], read[:, 0])
     turned = np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
-    return error - np.clip(error, min(turned.min(), 0.0), max(turned.max(), 0.0))
+    return error - np.clip(error, np.minimum(turned, 0.0), np.maximum(turned, 0.0))
 
 
 def _heading_off(

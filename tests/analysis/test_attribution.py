@@ -246,7 +246,7 @@ def test_an_estimate_that_is_off_from_the_beginning_is_told(flight: Flight, best
     assert found[0].side == "autopilot"
 
 
-@pytest.mark.parametrize(("off", "deviates"), [(-20.0, False), (-10.0, False), (20.0, True), (-60.0, True)])
+@pytest.mark.parametrize(("off", "deviates"), [(-12.0, False), (12.0, True), (-60.0, True)])
 def test_a_heading_that_follows_a_calibrated_compass_is_not_off(
     flight: Flight, best: BestEstimate, off: float, deviates: bool
 ) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -33,6 +32,8 @@ from companion.analysis.reference import Limits
 from companion.constants import check, harm
 from companion.estimation import BestEstimate
 from companion.model import Flight, ImuTrack
+
+_ARMING = ("armed", "disarmed")
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> list[Finding]:
@@ -120,7 +121,7 @@ def findings(
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
     all_findings += (
         f
-        for f in _noisier(flight, comparison.track, apart)
+        for f in noisier_findings(comparison.track, apart, sorted(e.t for e in flight.events if e.kind in _ARMING))
         if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in unread)
     )
     all_findings += vibration_findings(comparison, flight)
@@ -146,15 +147,6 @@ def findings(
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
     return told_once(flight, all_findings, [*_of_other_imus(flight, comparison, faults), *turned], turned), clean
-
-
-def _noisier(flight: Flight, track: ImuTrack, others: Sequence[ImuTrack]) -> Iterator[Finding]:
-    """Axes that become noisier, while armed and while not apart: motors shake the axes of a sensor unequally."""
-    changes = sorted(event.t for event in flight.events if event.kind in ("armed", "disarmed"))
-    for begin, end in pairwise([-np.inf, *changes, np.inf]):
-        own, *beside = (one[slice(*np.searchsorted(one.t, [begin, end]).tolist())] for one in (track, *others))
-        if len(own) > 1:
-            yield from noisier_findings(own, [one for one in beside if len(one) > 1])
 
 
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:

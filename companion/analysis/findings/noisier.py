@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
@@ -14,7 +15,7 @@ from companion.constants import check, priors
 from companion.model import Array, ImuTrack
 
 
-def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack]) -> Iterator[Finding]:
+def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack], changes: Sequence[float] = ()) -> Iterator[Finding]:
     """One axis of a sensor that is noisier for 6 s or more than at any other time, while its neighbours are not.
 
     Its noise is that between samples, from fourth differences, which no manoeuvre moves. The test statistic is the
@@ -23,14 +24,18 @@ def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack]) -> Iterator[Fi
     distribution; over all six axes and all blocks nothing is said by chance in 999 of 1000 flights of an IMU in order.
 
     A resonance may shake one axis too: only an IMU beside it, which does not feel it, makes it the sensor's fault.
+    changes: s, in order, between which it is compared with itself: motors shake the axes of a sensor unequally.
     """
     for name in ("gyro", "accel"):
-        start, level = _levels(track, name)
-        for axis in range(3):
-            for first, last in _noisier(level, axis):
-                begin, end = float(start[first]), float(start[last + 1])
-                yield _finding(name, axis, begin, end, _factor(level[:, axis], first, last), _alone(
-                    name, axis, begin, end, others))  # fmt: skip
+        start, whole = _levels(track, name)
+        for since, until in pairwise([-np.inf, *changes, np.inf]):
+            at = int(np.searchsorted(start[:-1], since))
+            level = whole[at : max(at, int(np.searchsorted(start, until, side="right")) - 1)]
+            for axis in range(3):
+                for first, last in _noisier(level, axis):
+                    begin, end = float(start[at + first]), float(start[at + last + 1])
+                    factor, alone = _factor(level[:, axis], first, last), _alone(name, axis, begin, end, others)
+                    yield _finding(name, axis, begin, end, factor, alone)
 
 
 def _levels(track: ImuTrack, name: str) -> tuple[Array, Array]:
