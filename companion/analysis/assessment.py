@@ -27,7 +27,7 @@ from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.persistent_errors import beside_best, known_from, level_is_unusual
-from companion.analysis.phases import flown, landed_at, phases
+from companion.analysis.phases import aligned_at, flown, landed_at, phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
@@ -181,7 +181,7 @@ def assess(
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
     allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), figures, autopilot)
     faults = reading_faults(seen, judged, figures)
-    faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
+    faults = [f for f in faults if f.end_s > aligned_at(parts)]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent

@@ -31,7 +31,11 @@ SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass
 BIAS_UNITS: Mapping[str, tuple[str, float, int]] = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
 """Sensor → the unit that a bias is told in, how many of it are one in SI, and decimals."""
 
-_UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m", "height": " m"}
+DEVIATION_UNITS: Mapping[str, tuple[str, float]] = {
+    "tilt": ("°", np.degrees(1.0)), "heading": ("°", np.degrees(1.0)),
+    "velocity": (" m/s", 1.0), "position": (" m", 1.0), "height": (" m", 1.0),
+}  # fmt: skip
+"""What an estimate may be off in → the unit that it is given in, and how many of it are one in SI."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +82,7 @@ class EstimatorDeviation:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit = _UNITS[self.quantity].strip().replace("°", "rad")
+        unit = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad")
         kind = f"{self.quantity}_off"
         sure = self.probability
         return Cause(
@@ -94,8 +98,8 @@ class EstimatorDeviation:
         )
 
     def __str__(self) -> str:
-        scale = np.degrees(1.0) if self.quantity in ("tilt", "heading") else 1.0
-        return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{_UNITS[self.quantity]} in {self.quantity}"
+        unit, scale = DEVIATION_UNITS[self.quantity]
+        return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
 
 
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from companion import estimation
 from companion.analysis.reference import BoolArray
+from companion.constants import check
 from companion.model import Array
 
 IntArray = npt.NDArray[np.intp]
@@ -114,6 +115,11 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Errors first, then warnings, then what is only said; each in order of time."""
     order = get_args(Severity)[::-1]
     return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
+
+
+def are_near(findings: Iterable[Finding], t: float) -> bool:
+    """Whether any of some findings is of a time t, s, or near it."""
+    return any(one.start_s - check.NEAR_S <= t <= one.end_s + check.NEAR_S for one in findings)
 
 
 def digits(value: Array, decimals: int) -> str:

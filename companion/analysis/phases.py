@@ -28,6 +28,11 @@ _STARTING = re.compile(
 _RECEIVER = re.compile(r"GPS \d: detected", re.ASCII)
 
 
+def aligned_at(parts: Sequence[Phase]) -> float:
+    """When the estimator had aligned, s, for the last time; minus infinity where it was never seen to align."""
+    return max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
+
+
 def landed_at(parts: Sequence[Phase]) -> float:
     """s, boot clock, from when on nothing is judged: the last landing; infinite where there is none."""
     return parts[-1].start if parts[-1].kind == "landed" else np.inf
@@ -211,10 +216,13 @@ def _settled(flight: Flight, until: float) -> float:
 
 def judged_at(flight: Flight, t: Array) -> npt.NDArray[np.bool_]:
     """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
-    parts = phases(flight)
-    aloft = [p for p in parts if p.kind == "flight"]
     judged = np.zeros(len(t), np.bool_)
-    for part in aloft or [p for p in parts if p.kind == "standing"]:
-        begin = part.start if aloft else part.start + healthy.ALIGNS_S
+    for part in judged_parts(phases(flight)):
+        begin = part.start + (healthy.ALIGNS_S if part.kind == "standing" else 0.0)
         judged |= (t >= begin) & (t <= part.end)
     return judged
+
+
+def judged_parts(parts: Sequence[Phase]) -> list[Phase]:
+    """Those in the air; of a log that never was there, as one of a bench, those in which it stands."""
+    return [part for part in parts if part.kind == "flight"] or [part for part in parts if part.kind == "standing"]

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.deviations import at_first, least_deviation
-from companion.analysis.finding import Finding, by_severity, runs
+from companion.analysis.fault_interval import DEVIATION_UNITS
+from companion.analysis.finding import Finding, are_near, by_severity, runs
 from companion.analysis.findings import autopilot_findings, with_reports
 from companion.analysis.loss_of_control import in_control
-from companion.analysis.phases import flown, phases
+from companion.analysis.phases import flown, judged_parts, phases
 from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
@@ -32,7 +33,6 @@ class _Apart:
     least: Array  # (N,) from which on it is more than both may be off by
 
 
-_UNITS = {"heading": ("°", np.degrees(1.0)), "velocity": (" m/s", 1.0), "position": (" m", 1.0), "height": (" m", 1.0)}
 _NAMES = {"gps": "GPS", "compass": "compass"}
 
 
@@ -58,9 +58,8 @@ def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | N
 
 def _confirmed(jump: Finding, disagreeing: Sequence[Finding]) -> Finding:
     """A jump of the position after it was off the GPS is the autopilot's; of others nobody tells what was right."""
-    gps = (f for f in disagreeing if f.kind == "gps_disagrees")
-    off = any(f.start_s - check.NEAR_S <= jump.start_s <= f.end_s + check.NEAR_S for f in gps)
-    if jump.severity != "error" or (off and jump.kind == "position_jump"):
+    gps = [f for f in disagreeing if f.kind == "gps_disagrees"]
+    if jump.severity != "error" or (jump.kind == "position_jump" and are_near(gps, jump.start_s)):
         return jump
     words = f"{jump.evidence}; without an IMU it cannot be told whether it was wrong before or is after it"
     return replace(jump, severity="warning", evidence=words, undecided=True)
@@ -118,7 +117,7 @@ def _judged(flight: Flight, t: Array) -> tuple[IntArray, BoolArray]:
     On a bench where nothing says that it flew.
     """
     parts = phases(flight)
-    several = [part for part in parts if part.kind == "flight"] or [part for part in parts if part.kind == "standing"]
+    several = judged_parts(parts)
     inside = np.any([(t >= part.start) & (t <= part.end) for part in several], axis=0) if several else t < t[:1]
     controlled = np.any([(t >= begin) & (t <= end) for begin, end in in_control(parts)], axis=0)
     return np.searchsorted([begin for begin, _ in flown(parts)][1:], t, side="right"), np.asarray(inside & controlled)
@@ -139,7 +138,7 @@ def _pull(position: PositionTrack, t: Array) -> Array:
 
 
 def _disagreements(one: _Apart) -> Iterator[Finding]:
-    unit, scale = _UNITS[one.quantity]
+    unit, scale = DEVIATION_UNITS[one.quantity]
     for first, last in runs(np.asarray(one.off > one.least)):
         begin, end = float(one.t[first]), float(one.t[last])
         if end - begin >= healthy.DEVIATION_S[one.quantity]:
@@ -159,7 +158,7 @@ def _disagreements(one: _Apart) -> Iterator[Finding]:
 
 def _agreement(one: _Apart) -> str:
     """How far the two agree, in words; "" where they do not."""
-    unit, scale = _UNITS[one.quantity]
+    unit, scale = DEVIATION_UNITS[one.quantity]
     most = float(np.nanpercentile(one.off, check.AGREES_PERCENTILE))
     name = _NAMES[one.sensor]
     return f"{one.quantity} within {scale * most:.1f}{unit} of the {name}" if most < np.median(one.least) else ""

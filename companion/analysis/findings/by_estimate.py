@@ -9,11 +9,11 @@ from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
 from companion.analysis.deviations import estimator_deviations
 from companion.analysis.fault_interval import fault_intervals
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, are_near
 from companion.analysis.findings.consequences import is_led_to
 from companion.analysis.findings.settings import setting_findings
 from companion.analysis.reference import Limits
-from companion.constants import check, num
+from companion.constants import num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight
 
@@ -61,7 +61,7 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
     after it, and an estimator that corrects itself accuses nobody.
     """
     off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
-    if jump.severity != "error" or any(f.start_s - check.NEAR_S <= jump.start_s <= f.end_s + check.NEAR_S for f in off):
+    if jump.severity != "error" or are_near(off, jump.start_s):
         return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
     if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:

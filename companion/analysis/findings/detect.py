@@ -27,7 +27,7 @@ from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
-from companion.analysis.phases import landed_at, phases
+from companion.analysis.phases import aligned_at, landed_at, phases
 from companion.analysis.reference import Limits
 from companion.constants import check, harm
 from companion.estimation import BestEstimate
@@ -70,7 +70,7 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     hover an accelerometer of coarse steps and no noise reads the same for long beside one that has some.
     """
     parts = phases(flight)
-    aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
+    aligned = aligned_at(parts)
     lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
     told = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
     for track in flight.imus.values():

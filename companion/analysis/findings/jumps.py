@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Cause, Finding, Severity, runs
-from companion.analysis.phases import phases
+from companion.analysis.phases import aligned_at, phases
 from companion.analysis.reference import Limits, attitude_error, attitude_jumps, length, position_jumps
 from companion.constants import check, num
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack
@@ -43,7 +43,7 @@ def reset_findings(flight: Flight) -> Iterator[Finding]:
 
 
 def _aligned(flight: Flight) -> float:
-    return max([flight.start, *(part.end for part in phases(flight) if part.kind == "aligning")])
+    return max(flight.start, aligned_at(phases(flight)))
 
 
 def _heading_findings(steps: list[tuple[float, float, float]], settled: float, unfelt: str) -> Iterator[Finding]:
