@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.finding import Cause
-from companion.analysis.verdict import Verdict, cause_told
+from companion.analysis.verdict import Verdict, stated_cause
 from companion.model import STANDARD_GRAVITY, Flight
 
 
@@ -17,7 +17,7 @@ def believable(verdict: Verdict, flight: Flight) -> Verdict:
     A vehicle that leans may hide less than that from it. What has just begun may look so: a position that has jumped by
     50 m two seconds ago, as a push of 25 m/s².
     """
-    absurd = [f for f in verdict.findings if f.severity == "error" and _does_not_read(cause_told(f), flight)]
+    absurd = [f for f in verdict.findings if f.severity == "error" and _does_not_read(stated_cause(f), flight)]
     if not absurd:
         return verdict
     left = tuple(f for f in verdict.findings if f not in absurd)

@@ -28,7 +28,7 @@ from companion.analysis.fault_interval import (
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.measured_error import Reading, reads
-from companion.analysis.verdict import Status, Verdict, cause_told, headline_of
+from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
 from companion.estimation import KINDS, BestEstimate, kind_of, probabilities, times_of_change
 from companion.model import Array, Flight
@@ -67,8 +67,8 @@ def carried_on(
     end = flight.start + flight.duration
     errors = [f for f in verdict.findings if f.severity == "error" and f.side != "data"]
     outages = [_outage(f) for f in verdict.findings if f.kind in _OUTAGES and f.severity == "warning"]
-    errors += [f for f in outages if f.end_s > end - check.NEAR_S and not _comes_again(cause_told(f), flight, end)]
-    new = sorted((_named(replace(f, cause=cause_told(f)), best) for f in errors), key=lambda f: f.start_s)
+    errors += [f for f in outages if f.end_s > end - check.NEAR_S and not _comes_again(stated_cause(f), flight, end)]
+    new = sorted((_named(replace(f, cause=stated_cause(f)), best) for f in errors), key=lambda f: f.start_s)
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []
     for fault in standing:
@@ -145,7 +145,7 @@ def _same(one: Finding, other: Finding) -> bool:
 
 def _together(one: Finding, other: Finding) -> bool:
     """Whether two findings begin together."""
-    a, b = cause_told(one), cause_told(other)
+    a, b = stated_cause(one), stated_cause(other)
     sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
     return abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
 

@@ -82,7 +82,7 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     if causes:
         first = _first(causes)
         told = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
-        return Verdict("autopilot_suspect", told, findings, cause_told(first))
+        return Verdict("autopilot_suspect", told, findings, stated_cause(first))
     doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 
@@ -120,7 +120,7 @@ def _decided(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        cause = cause_told(first)
+        cause = stated_cause(first)
         told = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
         told += _all_the_same(judged, source)
         return Verdict(status, told, findings, cause)
@@ -234,12 +234,12 @@ def _first(causes: Sequence[Finding]) -> Finding:
 
     causes: in order of time. The other then takes up what the model of this one leaves.
     """
-    first = cause_told(causes[0])
+    first = stated_cause(causes[0])
     if not first.sensor or not first.onset_sigma_s:
         return causes[0]
     latest = first.onset_s + num.SIGMAS * first.onset_sigma_s
-    together = [f for f in causes if f.start_s <= latest and cause_told(f).sensor == first.sensor]
-    return min(together, key=lambda f: cause_told(f).onset_sigma_s or 0.0)
+    together = [f for f in causes if f.start_s <= latest and stated_cause(f).sensor == first.sensor]
+    return min(together, key=lambda f: stated_cause(f).onset_sigma_s or 0.0)
 
 
 def headline_of(finding: Finding) -> str:
@@ -249,6 +249,6 @@ def headline_of(finding: Finding) -> str:
     return f"{finding.headline or finding.evidence}, from {finding.start_s:.1f} to {finding.end_s:.1f} s"
 
 
-def cause_told(finding: Finding) -> Cause:
+def stated_cause(finding: Finding) -> Cause:
     """What is wrong, in numbers; without a size where the finding has none."""
     return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)

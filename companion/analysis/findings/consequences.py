@@ -15,7 +15,7 @@ from companion.constants import check
 from companion.model import Flight, Series
 
 
-def told_once(
+def without_consequences(
     flight: Flight, all_findings: Sequence[Finding], others: Sequence[Finding], turned: Sequence[Finding]
 ) -> tuple[Finding, ...]:
     """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""

@@ -14,7 +14,7 @@ from companion.analysis.finding import Finding
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.by_estimate import findings_by_estimate, leans_in_vain
-from companion.analysis.findings.consequences import told_once, with_reports
+from companion.analysis.findings.consequences import with_reports, without_consequences
 from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
@@ -144,9 +144,10 @@ def findings(
         more, jumps = findings_by_estimate(flight, best, limits, (all_findings, faults, jumps), landed, tilted)
         all_findings += more
     all_findings += jumps
-    track = comparison.track
-    all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
-    return told_once(flight, all_findings, [*_of_other_imus(flight, comparison, faults), *turned], turned), clean
+    t = comparison.track.t
+    all_findings += constant_findings(constants, float(t[0]), float(t[-1]))
+    others = [*_of_other_imus(flight, comparison, faults), *turned]
+    return without_consequences(flight, all_findings, others, turned), clean
 
 
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
