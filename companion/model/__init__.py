@@ -29,6 +29,7 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
+from companion.model.lanes import EstimatorLane
 from companion.model.omission import with_tracks, without
 from companion.model.orientations import ORIENTATIONS, orientation_name, orientation_number, orientations
 from companion.model.tracks import (

@@ -25,6 +25,7 @@ from companion.model.aiding import (
 )
 from companion.model.errors import DataError
 from companion.model.imu_messages import by_preference
+from companion.model.lanes import EstimatorLane
 from companion.model.tracks import Array, AttitudeTrack, Event, ImuTrack, PositionTrack, Series
 from companion.model.wording import brief, counted
 
@@ -128,6 +129,8 @@ class Flight:
     actuators: ActuatorTrack | None = None
     truth: TruthTrack | None = None  # of a simulator: never an input of the analysis
     imu_in_use: SensorInUse | None = None  # None: unknown
+    lanes: Sequence[EstimatorLane] = ()  # every instance of the estimator in the log, also those that did not fly
+    lane_in_use: SensorInUse | None = None  # the core that flew; None: unknown
     aiding_in_use: Mapping[str, SensorInUse] = field(default_factory=dict)  # "GPS", "compass", "barometer", "airspeed"
     resets: tuple[EstimatorReset, ...] = ()  # announced, in order of time
     parameter_changes: Sequence[ParameterChange] = ()  # in flight, in order of time

@@ -31,6 +31,7 @@ from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_im
 from companion.telemetry.clock import Clock, boot_seconds, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
+from companion.telemetry.lanes import message_lanes
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
@@ -148,6 +149,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         **aiding_tracks(flight.series, notes, begun.turns),
         biases=biases,
         imu_in_use=used,
+        lanes=message_lanes(flight.series) if _is_ardupilot(flight.vehicle) else (),
         control=control_track(messages, attitude),
         actuators=actuator_track(messages, flight.parameters),
         truth=truth.message_truth(messages, flight.origin, position),

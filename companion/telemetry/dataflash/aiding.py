@@ -64,11 +64,11 @@ def control(
         return None
     q = from_euler(*angles.T)
     if in_imu_frame and (level := trim(parameters)) is not None:
-        q = _product(q, from_euler(*level, 0.0))
+        q = turned_by(q, from_euler(*level, 0.0))
     return control_of("ATT", one.t, q)
 
 
-def _product(a: Array, b: Array) -> Array:
+def turned_by(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (N, 4) with one (4,): first b, then a."""
     w, x, y, z = b
     right = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])

@@ -108,7 +108,12 @@ _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
 
 def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
     """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
-    one = of_cores(records, f"{mine.prefix}FS").get(mine.core)
+    return sensors_of_core(records, mine.prefix, mine.core)
+
+
+def sensors_of_core(records: Mapping[str, Records], prefix: str, core: int) -> dict[str, SensorInUse]:
+    """The same of any core."""
+    one = of_cores(records, f"{prefix}FS").get(core)
     if one is None:
         return {}
     used = {

@@ -19,7 +19,7 @@ from companion.model import Array, Flight, StatusText, Vehicle, counted
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
-from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
+from companion.telemetry.dataflash import aiding, changes, cores, imu, lanes, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.firmware import banner, vehicle_type
@@ -39,7 +39,7 @@ _NUMBERS: Mapping[str, tuple[str, ...]] = {
 }
 _WORDS = {"PARM": "Name", "MSG": "Message"}
 
-_OTHERS = {"EV", "ERR", "MODE", "ARM", "VER", "XKFS"}
+_OTHERS = {"EV", "ERR", "MODE", "ARM", "VER", "XKFS", "AHR2"}
 
 RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | aiding.OUTPUTS.keys() | _OTHERS
 """Records whose fields a flight is made of."""
@@ -126,6 +126,7 @@ def _without_tracks(
         truth=aiding.truth(records),
         imu_in_use=cores.imu_in_use(records, parameters, flew),
         aiding_in_use=cores.aiding_in_use(records, flew),
+        lane_in_use=lanes.lane_in_use(records, flew),
         resets=changes.resets(records, texts, parameters, flew),
         parameter_changes=changes.parameter_changes(records),
     )
@@ -153,6 +154,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         **aiding_tracks(series, notes, turns),
         biases=biases,
         control=aiding.control(records, flight.parameters, in_imu_frame=in_imu_frame),
+        lanes=lanes.lanes(records, flight.parameters, flew, in_imu_frame=in_imu_frame),
     )
 
 

@@ -25,6 +25,7 @@ from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
+from companion.telemetry.ulog.lanes import lane_in_use, lanes
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track, truth
 from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
 from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, topics_of
@@ -35,7 +36,8 @@ _ARMED = 2  # vehicle_status.arming_state
 _OTHERS = {
     "vehicle_imu_status", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo",
     "vehicle_acceleration", "estimator_states", "estimator_status", "estimator_selector_status",
-    "vehicle_attitude_setpoint", "actuator_motors", "actuator_outputs", "rfly_ctrl_lxl",
+    "vehicle_attitude_setpoint", "actuator_motors", "actuator_outputs", "rfly_ctrl_lxl", "estimator_attitude",
+    "estimator_local_position",
 }  # fmt: skip
 
 TOPICS = frozenset(
@@ -97,6 +99,8 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         control=control,
         actuators=actuators,
         imu_in_use=used,
+        lanes=lanes(topics, zero, by_device),
+        lane_in_use=lane_in_use(topics),
         resets=resets,
         parameter_changes=changed,
     )
