@@ -40,6 +40,7 @@ MAY_IMPORT = {
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"constants.num", "app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
+    "app.lanes": GROUND | {"estimation", "analysis", "app.resources", "app.settings", "app.examination"},
     "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"constants.num", "mavlink", "estimation", "analysis"}
@@ -63,7 +64,7 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
+    | {"app.lanes", "app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},

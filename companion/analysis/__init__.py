@@ -29,6 +29,8 @@ from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
+from companion.analysis.lane_errors import known_share
+from companion.analysis.lanes import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, judge_lanes
 from companion.analysis.live_verdict import Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
@@ -63,6 +65,7 @@ from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S
 
 __all__ = [
+    "FLOWN",
     "GENERIC",
     "HORIZONS_S",
     "NAMES",
@@ -98,6 +101,11 @@ __all__ = [
     "ImuSpec",
     "Integration",
     "Item",
+    "LaneError",
+    "LaneInSpan",
+    "LaneSpan",
+    "LaneSwitch",
+    "Lanes",
     "Later",
     "Limits",
     "LiveVerdict",
@@ -142,7 +150,9 @@ __all__ = [
     "gravity_for",
     "imu_noise",
     "inventory",
+    "judge_lanes",
     "known_from",
+    "known_share",
     "left_out",
     "newest_stands_out",
     "noise_in_flight",

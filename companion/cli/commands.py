@@ -40,6 +40,11 @@ COMMANDS = {
         "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
         "companion smooth flight.tlog -o best.tum",
     ),
+    "lanes": Command(
+        "Which EKF lane should have been flown, and was each switch right?",
+        "Every lane of the estimator against the best estimate: which should have been flown, each switch judged.",
+        "companion lanes flight.bin",
+    ),
     "noise": Command(
         "IMU noise: Allan deviation at rest, spectra in flight",
         "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",

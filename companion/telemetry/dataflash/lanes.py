@@ -1,7 +1,7 @@
 """Every core of an ArduPilot log's EKF as a lane of its own, and DCM, which runs along as the fallback.
 
-Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/AP_AHRS.cpp` (_get_secondary_EKF_type): AHR2 is DCM while an EKF
-flies.
+Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/AP_AHRS.cpp` (_get_secondary_EKF_type): AHR2 is DCM while an
+EKF flies.
 """
 
 from __future__ import annotations

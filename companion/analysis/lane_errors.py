@@ -1,0 +1,143 @@
+"""How far each lane of an estimator is from the best estimate, and which of two lanes is nearer to the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.deviations import at_first
+from companion.analysis.phases import flown, judged_at, phases
+from companion.analysis.reference import BoolArray, attitude_error, length
+from companion.constants import healthy, num
+from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, chi_square
+from companion.model import Array, EstimatorLane, Flight, nearest
+
+_PARTS: Mapping[str, tuple[slice, slice]] = {
+    "tilt": (ATTITUDE, slice(0, 2)),
+    "heading": (ATTITUDE, slice(2, 3)),
+    "velocity": (VELOCITY, slice(0, 2)),
+    "position": (POSITION, slice(0, 2)),
+    "height": (POSITION, slice(2, 3)),
+}
+"""Quantity → the block of the estimate's error that it is of, and its components in NED."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaneErrors:
+    """One lane less the best estimate at its K keyframes, by quantity; NaN where either does not know."""
+
+    lane: EstimatorLane
+    error: Mapping[str, Array]  # (K, n) NED: rad, m/s, m
+
+    def known(self, quantity: str) -> BoolArray:
+        """(K,) where its error is known."""
+        return np.asarray(np.isfinite(self.error[quantity]).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """All lanes beside the best estimate."""
+
+    t: Array  # (K,) s, its keyframes
+    judged: BoolArray  # (K,) whether an estimator is held responsible there
+    covariance: Mapping[str, Array]  # (K, n, n) of the best estimate's own error, by quantity
+    lanes: tuple[LaneErrors, ...]
+
+    def within(self, start: float, end: float) -> BoolArray:
+        """(K,) which keyframes of a span, s, are judged."""
+        return np.asarray(self.judged & (self.t >= start) & (self.t <= end))
+
+    def sigma(self, quantity: str) -> Array:
+        """(K,) 1σ of the length of the best estimate's own error."""
+        return np.asarray(np.sqrt(np.trace(self.covariance[quantity], axis1=1, axis2=2)))
+
+
+def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorLane]) -> Compared:
+    """Each lane at its sample beside each keyframe, to which the IMU carries the best estimate.
+
+    Positions begin where those of the lanes do that have a number: cores share an origin, or it has been taken out.
+    """
+    judged = judged_at(flight, best.t)
+    which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], best.t, side="right")
+    made = [LaneErrors(lane, _errors(lane, best)) for lane in lanes]
+    zero = next((one for one in made if one.known("position")[judged].any()), None)
+    if zero is not None:
+        for part in ("position", "height"):
+            first = at_first(zero.error[part], judged & zero.known(part), which)
+            for one in made:
+                one.error[part][...] -= first
+    covariance = {name: best.covariance[:, block, block][:, own, own] for name, (block, own) in _PARTS.items()}
+    return Compared(best.t, judged, covariance, tuple(made))
+
+
+def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
+    """(K, n) by quantity. Without GPS the best estimate knows no velocity nor position, without both no height."""
+    row = nearest(lane.t, best.t)
+    away = np.abs(lane.t[row] - best.t)
+    near = away <= max(num.FIX_SAMPLES_S, 0.5 * float(np.median(np.diff(lane.t))))
+    q, velocity, position = best.at(np.where(near, lane.t[row], best.t))
+    turn = attitude_error(lane.q_ned_frd[row], q)
+    sources = {"turn": turn, "velocity": lane.velocity[row] - velocity, "position": lane.position[row] - position}
+    if "gps_position" not in best.residuals:
+        sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
+    of = {"tilt": "turn", "heading": "turn", "velocity": "velocity", "position": "position", "height": "position"}
+    errors = {name: np.where(near[:, None], sources[of[name]][:, own], np.nan) for name, (_, own) in _PARTS.items()}
+    for name, (block, own) in _PARTS.items():  # what is known no better says nothing about a lane
+        errors[name][length(best.sigma(block)[:, own]) >= healthy_bound(name)] = np.nan
+    if not {"gps_height", "barometer"} & best.residuals.keys():
+        errors["height"] = np.full_like(errors["height"], np.nan)
+    if best.heading_from == "first guess":  # nothing but the autopilot's own attitude told it
+        errors["heading"] = np.full_like(errors["heading"], np.nan)
+    return errors
+
+
+def known_share(best: BestEstimate) -> float:
+    """Share of the keyframes at which a best estimate knows its tilt better than what a healthy estimator is off by."""
+    return float((length(best.sigma(ATTITUDE)[:, :2]) < healthy_bound("tilt")).mean())
+
+
+def healthy_bound(quantity: str) -> float:
+    """What a healthy estimator is off by in 5 % of all cases at most: rad, m/s, m."""
+    own = _PARTS[quantity][1]
+    return float(healthy.AP_SIGMA[quantity] * np.sqrt(chi_square(own.stop - own.start, num.Z_95)))
+
+
+def off_probability(one: LaneErrors, compared: Compared, where: BoolArray) -> float:
+    """That a lane is further off than a healthy one, in the mean square over keyframes (K,), in any quantity."""
+    most = 0.0
+    for quantity in one.error:
+        known = where & one.known(quantity)
+        if known.any():
+            size = float(np.sqrt((one.error[quantity][known] ** 2).sum(axis=1).mean()))
+            sigma = float(np.sqrt((compared.sigma(quantity)[known] ** 2).mean()))
+            most = max(most, _normal((size - healthy_bound(quantity)) / sigma))
+    return most
+
+
+def nearer_probability(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray) -> float | None:
+    """That a lane is nearer to the truth than another over keyframes (K,), in the mean square; None: nothing tells.
+
+    The difference e - f of two lanes is logged, and has no error of the best estimate in it: with its error δ between
+    them, |f - δ|² - |e - δ|² = |f|² - |e|² + 2 (e - f)·δ, which is linear in δ. δ is taken as the same throughout: that
+    makes it the least sure. Each quantity counts in units of what a healthy estimator is off by.
+    """
+    gain, variance, told = 0.0, 0.0, False
+    for quantity, e in one.error.items():
+        f, known = other.error[quantity], where & one.known(quantity) & other.known(quantity)
+        if known.any():
+            told = True
+            unit = healthy.AP_SIGMA[quantity] ** 2
+            apart = (e - f)[known]
+            gain += float(((f[known] ** 2).sum(axis=1) - (e[known] ** 2).sum(axis=1)).mean()) / unit
+            own = np.einsum("ki,kij,kj->k", apart, compared.covariance[quantity][known], apart)
+            variance += 4.0 * float(own.mean()) / unit**2
+    if variance > 0.0:
+        return _normal(gain / math.sqrt(variance))
+    return 0.5 if told else None  # the same to the last bit
+
+
+def _normal(z: float) -> float:
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))

@@ -1,0 +1,296 @@
+"""Which lane of a redundant estimator should have been flown: each against the best estimate, each switch judged.
+
+Nothing is said about what the controller would have done with another lane. A lane is called off where another one is
+surely nearer to the truth and it is surely further off than a healthy one: what all lanes share is no lane's fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.lane_errors import (
+    Compared,
+    LaneErrors,
+    compare_lanes,
+    healthy_bound,
+    nearer_probability,
+    off_probability,
+)
+from companion.analysis.phases import judged_parts, phases
+from companion.analysis.reference import BoolArray, length
+from companion.constants import check, priors
+from companion.estimation import BestEstimate
+from companion.model import EstimatorLane, Flight, SensorInUse
+
+Judgement = Literal["right", "wrong", "indifferent", "undecided"]
+
+FLOWN = "as flown"
+_UNITS: Mapping[str, str] = {"tilt": "rad", "heading": "rad", "velocity": "m/s", "position": "m", "height": "m"}
+
+
+@dataclass(frozen=True, slots=True)
+class LaneError:
+    """One quantity of a lane over a span: the size of its difference from the best estimate."""
+
+    quantity: str  # "tilt", "heading", "velocity", "position" (both horizontal), "height"
+    unit: str  # "rad", "m/s", "m"
+    samples: int
+    rms: float
+    p95: float
+    worst: float
+    worst_s: float  # s, boot clock
+    sigma: float  # 1σ of the best estimate itself, its median
+
+
+@dataclass(frozen=True, slots=True)
+class LaneInSpan:
+    """A lane over a span."""
+
+    lane: str
+    errors: tuple[LaneError, ...]
+    nearest: float | None  # probability that it is nearer than each other lane that may fly, the least; None: not told
+    off: bool  # whether it is surely further off than a healthy one, and another lane surely nearer
+
+
+@dataclass(frozen=True, slots=True)
+class LaneSpan:
+    """The lanes over the whole flight, or while something was wrong."""
+
+    start_s: float
+    end_s: float
+    what: str  # "flight", or the kind of the fault
+    flown: tuple[str, ...]  # the lanes that flew in it
+    lanes: tuple[LaneInSpan, ...]
+    right: str | None  # the lane that is surely the nearest, where one that flew was off; None elsewhere
+    readers: tuple[str, ...] | None = None  # the lanes that read the sensor that was wrong; None: not known, or none
+
+
+@dataclass(frozen=True, slots=True)
+class LaneSwitch:
+    """A change of the lane that flies, judged by both lanes in the seconds after it."""
+
+    t: float
+    before: str
+    after: str
+    end_s: float  # until when both were compared
+    judgement: Judgement = "undecided"
+    probability: float | None = None  # that the new lane is nearer to the truth than the old one; None: not known
+    quantity: str = ""  # in which they differ most, in units of a healthy estimator's error
+    before_size: float = np.nan  # rms after the switch, of the lane that was left, in that quantity: rad, m/s, m
+    after_size: float = np.nan
+    sigma: float = np.nan  # 1σ of the best estimate itself
+    reset_s: float | None = None  # s before the switch, that the new lane announced a reset; None: none shortly before
+    why: str = ""  # why nothing is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lanes:
+    """Every lane of a flight, which of them flew when, each switch, and the spans in which they are compared."""
+
+    lanes: tuple[EstimatorLane, ...]
+    in_use: SensorInUse | None
+    spans: tuple[LaneSpan, ...]  # the whole flight first
+    switches: tuple[LaneSwitch, ...]
+    compared: Compared
+    notes: tuple[str, ...]
+
+
+def judge_lanes(flight: Flight, best: BestEstimate, findings: Sequence[Finding] = ()) -> Lanes:
+    """Every lane of a flight against its best estimate. findings: those of the verdict, whose causes are spans."""
+    numbered = tuple(lane for lane in flight.lanes if lane.core is not None)
+    own = _as_flown(flight, numbered)
+    lanes = (*numbered, *(() if own is None else (own,)), *(lane for lane in flight.lanes if lane.core is None))
+    used = flight.lane_in_use if numbered else None
+    compared = _with_flown(compare_lanes(flight, best, lanes), used)
+    parts = judged_parts(phases(flight))
+    begin, end = (parts[0].start, parts[-1].end) if parts else (np.inf, -np.inf)
+    begin, end = max(begin, float(best.t[0])), min(end, float(best.t[-1]))
+    spans = [_span(compared, used, begin, end, "flight")] if compared.within(begin, end).any() else []
+    for start, end, cause in _faults(findings, best):
+        if compared.within(start, end).any():
+            spans.append(_span(compared, used, start, end, cause.kind, readers(numbered, cause, start, end)))
+    switches = tuple(_switches(flight, compared))
+    return Lanes(lanes, used, tuple(spans), switches, compared, tuple(_notes(flight, numbered, best)))
+
+
+def _as_flown(flight: Flight, numbered: Sequence[EstimatorLane]) -> EstimatorLane | None:
+    """What flew, where the lanes beside it are not in the log: the attitude with the velocity and position there."""
+    if numbered or flight.attitude is None:
+        return None
+    attitude, position = flight.attitude, flight.position
+    moved = np.full((len(attitude), 6), np.nan)
+    if position is not None and len(position) > 1:
+        inside = (attitude.t >= position.t[0]) & (attitude.t <= position.t[-1])
+        values = np.column_stack([position.velocity, position.position])
+        moved[inside] = np.column_stack([np.interp(attitude.t[inside], position.t, one) for one in values.T])
+    return EstimatorLane(attitude.t, attitude.q_ned_frd, moved[:, :3], moved[:, 3:], FLOWN, None, attitude.source)
+
+
+def _with_flown(compared: Compared, used: SensorInUse | None) -> Compared:
+    """With what flew beside the lanes, where it was now one and now another of them."""
+    by_core = {one.lane.core: one for one in compared.lanes if one.lane.core is not None}
+    if used is None or len(by_core) < 2 or len({core for _, core in used.changes} & by_core.keys()) < 2:
+        return compared
+    core, first = used.at(compared.t), next(iter(by_core.values()))
+    error = {name: np.full_like(values, np.nan) for name, values in first.error.items()}
+    for number, one in by_core.items():
+        for name, values in one.error.items():
+            error[name][core == number] = values[core == number]
+    flown = LaneErrors(replace(first.lane, name=FLOWN, core=None, source=used.source, imu=None), error)
+    return replace(compared, lanes=(*compared.lanes, flown))
+
+
+def _faults(findings: Sequence[Finding], best: BestEstimate) -> Iterator[tuple[float, float, Cause]]:
+    """From when to when something was wrong, of the causes that are stated; each kind once at a time."""
+    last = float(best.t[-1])
+    done: list[tuple[str, float]] = []
+    for one in sorted(findings, key=lambda f: f.start_s):
+        if one.cause is None or one.severity == "info" or one.end_s <= one.start_s:
+            continue
+        end = min(one.end_s, last)
+        if not any(kind == one.cause.kind and one.start_s < until for kind, until in done):
+            done.append((one.cause.kind, end))
+            yield one.start_s, end, one.cause
+
+
+def _span(
+    compared: Compared,
+    used: SensorInUse | None,
+    start: float,
+    end: float,
+    what: str,
+    sharing: tuple[str, ...] | None = None,
+) -> LaneSpan:
+    where = compared.within(start, end)
+    names = {one.lane.core: one.lane.name for one in compared.lanes if one.lane.core is not None}
+    flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, start, end))
+    ranked = [_in_span(one, compared, where) for one in compared.lanes if len(one.lane)]
+    known = [one for one in ranked if one.errors]
+    off = {one.lane for one in known if one.off}
+    sure = [one.lane for one in known if one.nearest is not None and one.nearest >= priors.ACCUSED]
+    right = sure[0] if sure and off & {*(flown or (FLOWN,))} else None
+    return LaneSpan(start, end, what, flown, tuple(known), right, sharing)
+
+
+def _in_span(one: LaneErrors, compared: Compared, where: BoolArray) -> LaneInSpan:
+    errors = tuple(_error(one, quantity, compared, where) for quantity in _UNITS if (where & one.known(quantity)).any())
+    others = [other for other in compared.lanes if None not in (one.lane.core, other.lane.core) and other is not one]
+    pairs = [p for other in others if (p := nearer_probability(one, other, compared, where)) is not None]
+    beaten = any(p <= 1.0 - priors.ACCUSED for p in pairs)
+    off = beaten and off_probability(one, compared, where) >= priors.ACCUSED
+    return LaneInSpan(one.lane.name, errors, min(pairs, default=None), off)
+
+
+def _error(one: LaneErrors, quantity: str, compared: Compared, where: BoolArray) -> LaneError:
+    known = where & one.known(quantity)
+    size = length(one.error[quantity][known])
+    worst = int(np.argmax(size))
+    return LaneError(
+        quantity,
+        _UNITS[quantity],
+        len(size),
+        float(np.sqrt((size**2).mean())),
+        float(np.percentile(size, 95.0)),
+        float(size[worst]),
+        float(compared.t[known][worst]),
+        float(np.median(compared.sigma(quantity)[known])),
+    )
+
+
+def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
+    """Every change of the lane that flies; by the announced ones where the log does not have the lane in use."""
+    used = flight.lane_in_use
+    if used is not None:
+        changes = used.changes
+    else:
+        told = sorted((one.t, one.core) for one in flight.resets if one.kind == "lane" and one.core is not None)
+        changes = [(flight.start, -1), *told]
+    by_core = {one.lane.core: one for one in compared.lanes if one.lane.core is not None}
+    for (_, before), (t, after) in pairwise(changes):
+        later = min((at for at, _ in changes if at > t), default=np.inf)
+        end = min(later, t + check.NOTICED_S, float(compared.t[-1]))
+        yield _switch(flight, compared, (t, end), (before, by_core.get(before)), (after, by_core.get(after)))
+
+
+def _switch(
+    flight: Flight,
+    compared: Compared,
+    span: tuple[float, float],
+    before: tuple[int, LaneErrors | None],
+    after: tuple[int, LaneErrors | None],
+) -> LaneSwitch:
+    (t, end), (old_core, old), (new_core, new) = span, before, after
+    names = [f"core {core}" if one is None else one.lane.name for core, one in (before, after)]
+    names[0] = names[0] if old_core >= 0 else "the lane before"
+    told = [r.t for r in flight.resets if r.core == new_core and r.kind != "lane" and t - check.NEAR_S <= r.t <= t]
+    unknown = LaneSwitch(t, names[0], names[1], end, reset_s=t - told[-1] if told else None)
+    if old is None or new is None:
+        return replace(unknown, why="the log does not have both lanes")
+    where = compared.within(t, end)
+    p = nearer_probability(new, old, compared, where)
+    if p is None:
+        return replace(unknown, why="the best estimate does not cover the time after it")
+    off = [off_probability(one, compared, where) for one in (old, new)]
+    judgement: Judgement = "undecided"
+    if p >= priors.ACCUSED and off[0] >= priors.ACCUSED:
+        judgement = "right"
+    elif p <= 1.0 - priors.ACCUSED and off[1] >= priors.ACCUSED:
+        judgement = "wrong"
+    elif max(off) < 1.0 - priors.ACCUSED:
+        judgement = "indifferent"
+    quantity = max(_UNITS, key=lambda name: _apart(old, new, name, where))
+    left, taken = (_error(one, quantity, compared, where) for one in (old, new))
+    return replace(
+        unknown, judgement=judgement, probability=p, quantity=quantity, before_size=left.rms, after_size=taken.rms,
+        sigma=left.sigma,
+    )  # fmt: skip
+
+
+def _apart(old: LaneErrors, new: LaneErrors, quantity: str, where: BoolArray) -> float:
+    """How far two lanes differ, in units of what a healthy estimator is off by; -1 where that is not known."""
+    known = where & old.known(quantity) & new.known(quantity)
+    if not known.any():
+        return -1.0
+    return float(length((old.error[quantity] - new.error[quantity])[known]).mean()) / healthy_bound(quantity)
+
+
+def readers(lanes: Sequence[EstimatorLane], cause: Cause, start: float, end: float) -> tuple[str, ...] | None:
+    """The lanes that read the sensor that was wrong between two times, s; None where the log does not tell.
+
+    Of GPS, compass and barometer a cause does not say which: all lanes read it where all of them read the same one.
+    """
+    if not lanes:
+        return None
+    if cause.imu is not None:
+        known = [lane for lane in lanes if lane.imu is not None]
+        return tuple(lane.name for lane in known if lane.imu == cause.imu) if len(known) == len(lanes) else None
+    used = [lane.sensors.get({"gps": "GPS"}.get(cause.sensor, cause.sensor)) for lane in lanes]
+    instances = {number for one in used if one is not None for number in _between(one, start, end)}
+    return tuple(lane.name for lane in lanes) if None not in used and len(instances) == 1 else None
+
+
+def _between(used: SensorInUse, start: float, end: float) -> set[int]:
+    return {number for number in used.instance.tolist() if used.uses(number, start, end)}
+
+
+def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate) -> Iterator[str]:
+    if not numbered:
+        yield (
+            "the log has only the estimate that flew: of the other lanes "
+            + ("their on-board log tells" if not flight.on_board else "it says nothing")
+        )
+    elif len(numbered) == 1:
+        yield f"the estimator has one lane, {numbered[0].name}: there was nothing to switch to"
+    imus = [lane.imu for lane in numbered if lane.imu is not None]
+    if len(imus) > len(set(imus)):
+        yield "several lanes read the same IMU: what is wrong with it is wrong with all of them"
+    if "gps_position" not in best.residuals:
+        yield "without a GPS velocity and position of the lanes cannot be judged"
+    if best.heading_from == "first guess":
+        yield "no sensor tells the heading: that of the lanes cannot be judged"

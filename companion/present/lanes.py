@@ -1,0 +1,122 @@
+"""The lanes of an estimator in words and tables: one definition for terminal, report and page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from companion.analysis import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch
+from companion.analysis import percent as probability
+from companion.model import words
+from companion.present.formats import capitalised, fixed, shown_unit, with_unit
+from companion.present.tables import Cell, Column, Table
+
+_SWITCHED = {
+    "right": "right",
+    "wrong": "wrong",
+    "indifferent": "made no difference that matters",
+    "undecided": "cannot be told",
+}
+
+
+def lane_lines(lanes: Lanes) -> Iterator[str]:
+    """What is to be said of them, a sentence each: untrusted nowhere, as all names are ours."""
+    named = (one.name + ("" if one.imu is None else f" (IMU {one.imu})") for one in lanes.lanes)
+    yield f"Lanes: {', '.join(named)}"
+    if (flown := flown_words(lanes)) != "":
+        yield f"Flown: {flown}"
+    yield from map(switch_words, lanes.switches)
+    for span in lanes.spans[1:]:
+        yield f"{capitalised(words(span.what))}, {span.start_s:.1f}-{span.end_s:.1f} s: {span_words(span)}"
+    if lanes.spans:
+        yield f"Whole flight: {span_words(lanes.spans[0])}"
+        yield from counterfactual_words(lanes.spans[0])
+    yield from (f"Note: {note}" for note in lanes.notes)
+
+
+def flown_words(lanes: Lanes) -> str:
+    """Which lane flew from when on."""
+    if lanes.in_use is None:
+        return ""
+    names = {one.core: one.name for one in lanes.lanes if one.core is not None}
+    changes = lanes.in_use.changes
+    ends = [t for t, _ in changes[1:]]
+    parts = (
+        f"{names.get(core, f'core {core}')} {t:.1f}-{end:.1f} s"
+        for (t, core), end in zip(changes[:-1], ends, strict=True)
+    )
+    t, core = changes[-1]
+    return ", ".join([*parts, f"{names.get(core, f'core {core}')} from {t:.1f} s to the end"])
+
+
+def switch_words(one: LaneSwitch) -> str:
+    """A change of lane, judged: "Switch at 69.7 s to EKF3 core 1: right, ..."."""
+    said = f"Switch at {one.t:.1f} s from {one.before} to {one.after}: {_SWITCHED[one.judgement]}"
+    if one.probability is None:
+        return f"{said}: {one.why}"
+    left, taken = (_size(size, one.sigma, one.quantity) for size in (one.before_size, one.after_size))
+    said += (
+        f" ({probability(one.probability)} that it is nearer to the truth): until {one.end_s:.1f} s {one.before} was "
+        f"{left} off in {one.quantity}, {one.after} {taken}"
+    )
+    if one.reset_s is not None:
+        said += f"; {one.after} had announced a reset {one.reset_s:.1f} s before"
+    return said
+
+
+def span_words(span: LaneSpan) -> str:
+    """Which lane should have flown, in a clause."""
+    off = [one for one in span.lanes if one.off]
+    said = f"{span.right} was the right lane" if span.right else "no lane that flew was off by what matters"
+    if not span.right and {one.lane for one in off} & {*span.flown, FLOWN}:
+        said = "another lane was nearer, but which is the nearest cannot be told"
+    elif sum(one.nearest is not None for one in span.lanes) < 2:
+        said = "there is no other lane to compare with"
+    said += "".join(f"; {one.lane} was off by {_worst(one)}" for one in off)
+    if span.readers is not None:
+        others = [one.lane for one in span.lanes if one.lane not in span.readers and one.nearest is not None]
+        spared = f", not by {', '.join(others)}" if others else ": no lane escapes it"
+        said += f"; that sensor is read by {', '.join(span.readers) or 'none of the lanes'}{spared}"
+    return said
+
+
+def counterfactual_words(span: LaneSpan) -> Iterator[str]:
+    """How far off each lane would have been had it been flown: a line for each."""
+    for one in span.lanes:
+        within = ", ".join(f"{_size(e.p95, e.sigma, e.quantity)} in {e.quantity}" for e in one.errors)
+        verb = "stayed" if one.lane == FLOWN or span.flown == (one.lane,) else "would have stayed"
+        yield f"{one.lane}: {verb} within {within} for 95 % of it"
+
+
+def lane_table(span: LaneSpan) -> Table:
+    """A row for each lane: the 95 % of its errors, and how likely it is the nearest."""
+    quantities = {e.quantity: shown_unit(e.unit) for one in span.lanes for e in one.errors}
+    columns = (
+        Column("lane", is_text=True), Column("flown", is_text=True), Column("nearest", is_text=True),
+        *(Column(f"{name}, {unit}", is_text=True) for name, (unit, _) in quantities.items()), Column("", is_text=True),
+    )  # fmt: skip
+    rows = []
+    for one in span.lanes:
+        errors = {e.quantity: e for e in one.errors}
+        flown = "yes" if one.lane in (*span.flown, FLOWN) else ""
+        cells: list[Cell] = [one.lane, flown, "-" if one.nearest is None else probability(one.nearest)]
+        cells += [_cell(errors.get(name), factor) for name, (_, factor) in quantities.items()]
+        rows.append((*cells, "off" if one.off else ""))
+    return Table(columns, tuple(rows))
+
+
+def _cell(error: LaneError | None, factor: float) -> str:
+    return "-" if error is None else f"{fixed(error.p95 * factor)} ± {fixed(error.sigma * factor)}"
+
+
+def _worst(one: LaneInSpan) -> str:
+    """The error of a lane that is largest beside what the best estimate itself may be off by."""
+    worst = max(one.errors, key=lambda e: e.rms / e.sigma)
+    return f"{_size(worst.rms, worst.sigma, worst.quantity)} in {worst.quantity}"
+
+
+def _size(value: float, sigma: float, quantity: str) -> str:
+    unit, factor = shown_unit({"tilt": "rad", "heading": "rad", "velocity": "m/s"}.get(quantity, "m"))
+    if not math.isfinite(value):
+        return "unknown"
+    return with_unit(f"{fixed(value * factor)} ± {fixed(sigma * factor)}", unit)
