@@ -54,6 +54,8 @@ from companion.analysis.pose_error import (
     expected_since_anchor,
     rpe,
 )
+from companion.analysis.preflight import Ageing, Preflight, ageing, preflight
+from companion.analysis.preflight_check import Check
 from companion.analysis.redundant_imus import RedundantImu, each_imu
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, extend, replay, replay_from_rest
@@ -71,6 +73,7 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
+    "Ageing",
     "Agreement",
     "Alarm",
     "Alignment",
@@ -82,6 +85,7 @@ __all__ = [
     "Calibration",
     "Cause",
     "Change",
+    "Check",
     "Clips",
     "Comparison",
     "Continued",
@@ -111,6 +115,7 @@ __all__ = [
     "LiveVerdict",
     "ModelFigure",
     "PoseError",
+    "Preflight",
     "RedundantImu",
     "Reference",
     "ReferenceSpec",
@@ -128,6 +133,7 @@ __all__ = [
     "Verdict",
     "WindowErrors",
     "Windows",
+    "ageing",
     "align",
     "ape",
     "assess",
@@ -159,6 +165,7 @@ __all__ = [
     "noise_model",
     "percent",
     "phases",
+    "preflight",
     "rate_warning",
     "reference_at",
     "replay",

@@ -45,6 +45,11 @@ COMMANDS = {
         "Every lane of the estimator against the best estimate: which should have been flown, each switch judged.",
         "companion lanes flight.bin",
     ),
+    "preflight": Command(
+        "Before take-off: is each sensor fit to fly? Go or no-go by line",
+        "A vehicle that stands for 20 to 60 s, in a log or on a link: each sensor against its limit, go or no-go.",
+        "companion preflight flight.bin, companion preflight udpin:0.0.0.0:14550",
+    ),
     "noise": Command(
         "IMU noise: Allan deviation at rest, spectra in flight",
         "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",

@@ -83,6 +83,14 @@ REST_MIN_S = 3.0
 REST_QUIETEST = 5.0  # percentile of the blocks that is as quiet as this IMU gets
 REST_CLUSTER_S = 0.25  # over which noise is averaged: filters make neighbouring samples alike
 
+# Before take-off
+PREFLIGHT_S = 60.0  # before arming or take-off, at most, that are looked at
+WARMING_TOLD_S = 20.0  # that tell how a gyro warms: in less its slow noise looks like it
+HIDING_STEPS = 0.3  # of quantisation: readings that scatter by less show no noise
+# rad/s, m/s², rad between two: AP_Arming.cpp, Compass::consistent; PX4 COM_ARM_IMU_*, COM_ARM_MAG_ANG
+PREARM_ARDUPILOT = {"gyro": radians(5.0), "accel": 0.75, "compass": radians(90.0)}
+PREARM_PX4 = {"gyro": 0.25, "accel": 0.7, "compass": radians(60.0)}
+
 # IMUs beside one another
 MISSED_CONFIRMED = 0.5  # of what an axis missed, that another IMU has to have felt
 MISSED_MIN = 3

@@ -44,6 +44,12 @@ GPS_POOR = {"horizontal_sigma": 5.0, "vertical_sigma": 7.5, "speed_sigma": 1.0}
 GPS_SATELLITES = 6
 JAMMING = 80.0  # of 255 (PX4 User Guide, Log Analysis using Flight Review: above it is too much interference)
 
+# Before take-off
+WARMING_S = 240.0  # of flight, in which a gyro goes on warming as it does
+COMPASS_HEADING_RAD = radians(
+    20.0
+)  # from the estimator's: ArduPilot refuses to arm (AP_AHRS.cpp, attitudes_consistent)
+
 # Axes
 AXES_MISFIT = 0.2  # g plus rad/s, from which on a far better rotation is enough
 AXES_MIN_MISFIT = 0.04  # below it a bias explains it as well

@@ -208,6 +208,7 @@ CACHED_SAMPLES = 100_000  # the passes over so many take 15 MB
 LOG_MIN_ERROR = 1e-12  # rad, m/s, m: an error of zero has no logarithm
 PAIRED_ANCHORS = 0.25  # part of the horizon by which the anchors of one window pair may be apart
 Z_975 = 1.959964  # two-sided 95 %
+QUARTILES_SIGMA = 1.349  # σ of a normal distribution between its quartiles
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)  # that drift is reported at
 FREE_RUN_SETTLED_S = 2.0  # older samples change no more: packets come late, and the last cubic is one-sided
 POSE_POINTS = 2400

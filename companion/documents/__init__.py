@@ -6,3 +6,4 @@ from companion.documents.estimate import estimate_document
 from companion.documents.info import info_document
 from companion.documents.lanes import lanes_document
 from companion.documents.noise import noise_document
+from companion.documents.preflight import preflight_document

@@ -1,0 +1,125 @@
+"""`companion preflight LOG|LINK`: whether a vehicle that stands is fit to fly, a line for each check."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import Ageing, Preflight, ageing, preflight
+from companion.app.recording import Recording, read_recording
+from companion.app.sensors import imu_spec_of
+from companion.app.settings import Settings
+from companion.cli import live, options, parsers, record, tables
+from companion.documents import encode, preflight_document
+from companion.fleet import find_logs
+from companion.links import is_link
+from companion.model import CompanionError, DataError, Flight, SettingsError, counted
+from companion.present import preflight_headline, preflight_table
+from companion.telemetry import id_parameters
+
+_OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output")
+_LINK_S = 30.0
+_COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}
+
+
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser, takes_link=True)
+    parsers.add_flight_choice(parser)
+    parser.add_argument(
+        "--history", metavar="FOLDER", help="earlier logs of this vehicle: says what has changed since them"
+    )
+    parsers.add_json(parser)
+    on_link = parser.add_argument_group("on a link")
+    live.add_manners(on_link)
+    on_link.add_argument(
+        "--duration", type=float, metavar="S", help=f"listen for so many seconds (default: {_LINK_S:g})"
+    )
+    on_link.add_argument("-o", "--output", metavar="FILE", help="keep the recording in this .tlog")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the checks. Exit code: 0 where nothing is no-go, 1 where something is, 2 where nothing can be checked."""
+    if is_link(arguments.log) and not Path(arguments.log).is_file():
+        return _of_link(arguments)
+    if given := [f"--{name}" for name in (*_OF_LINKS, "duration") if getattr(arguments, name.replace("-", "_"))]:
+        raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
+    return _of_log(arguments)
+
+
+def _of_link(arguments: argparse.Namespace) -> int:
+    """Listen for a while, and check what was recorded."""
+    with TemporaryDirectory(prefix="companion-") as folder:
+        path = Path(arguments.output or Path(folder) / "preflight.tlog")
+        heard = argparse.Namespace(**vars(arguments))
+        heard.link, heard.output = arguments.log, str(path)
+        heard.duration = _LINK_S if arguments.duration is None else arguments.duration
+        if code := record.run(heard):
+            return code
+        arguments.log = str(path)
+        return _of_log(arguments)
+
+
+def _of_log(arguments: argparse.Namespace) -> int:
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    flight = recording.flights[options.choose(recording, arguments)]
+    result = preflight(flight, partial(imu_spec_of, flight))
+    aged = _aged(arguments.history, settings, recording, flight, result) if arguments.history else ()
+    if arguments.json:
+        print(encode(preflight_document(recording.source, flight, result, aged)))
+    else:
+        tables.console().lines(*_lines(result, aged))
+    return 1 if result.outcome == "no_go" else 0
+
+
+def _aged(
+    folder: str, settings: Settings, recording: Recording, flight: Flight, result: Preflight
+) -> tuple[Ageing, ...]:
+    """Against the earlier logs of the same vehicle in a folder: the same gyros, where both logs name them."""
+    earlier = []
+    for one in find_logs([folder]).logs:
+        if Path(one.path).resolve() == recording.source.path.resolve():
+            continue
+        try:
+            same = [f for f in read_recording(Path(one.path), **settings.log.options).flights if _is_same(f, flight)]
+            earlier += [preflight(other, partial(imu_spec_of, other)) for other in same]
+        except CompanionError:  # a log that never stood, or cannot be read, tells of no rest
+            continue
+    if not (aged := ageing(result, earlier)):
+        raise DataError(
+            f"{folder} has {counted(len(earlier), 'flight')} of this vehicle that stood before taking off: three are "
+            "needed to say what has changed."
+        )
+    return aged
+
+
+def _is_same(one: Flight, other: Flight) -> bool:
+    def gyros(flight: Flight) -> set[float]:
+        ids = (flight.parameters.get(name, 0.0) for i in range(3) for name in id_parameters("gyro", i))
+        return {number for number in ids if number}
+
+    if gyros(one) and gyros(other):
+        return gyros(one) == gyros(other)
+    return (one.vehicle.autopilot, one.vehicle.type, one.vehicle.sysid) == (
+        other.vehicle.autopilot, other.vehicle.type, other.vehicle.sysid,
+    )  # fmt: skip
+
+
+def _lines(result: Preflight, aged: tuple[Ageing, ...]) -> Iterator[str | Table]:
+    colour = _COLOURS[result.outcome]
+    yield f"[bold {colour}]{escape(preflight_headline(result))}[/]"
+    yield from (f"Not checked: {one}" for one in result.missing)
+    yield from (f"The vehicle says: {escape(said)}" for said in result.said)
+    yield ""
+    table = preflight_table(result, aged)
+    shown = tables.folded_table(*(column.title for column in table.columns))
+    for row in table.rows:
+        shown.add_row(*(escape(str(cell)) for cell in row))
+    yield shown
