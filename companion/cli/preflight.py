@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -60,7 +62,9 @@ def _of_link(arguments: argparse.Namespace) -> int:
         heard = argparse.Namespace(**vars(arguments))
         heard.link, heard.output = arguments.log, str(path)
         heard.duration = _LINK_S if arguments.duration is None else arguments.duration
-        if code := record.run(heard):
+        with contextlib.redirect_stdout(sys.stderr):  # stdout is for the checks
+            code = record.run(heard)
+        if code:
             return code
         arguments.log = str(path)
         return _of_log(arguments)
