@@ -27,6 +27,8 @@ from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
+from companion.analysis.incident import Incident, Moment, Output, TimelineRow, Tracking, imus_within, incident, window
+from companion.analysis.incident_causes import ProbableCause
 from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lane_errors import known_share
@@ -103,6 +105,7 @@ __all__ = [
     "FreeState",
     "ImuNoise",
     "ImuSpec",
+    "Incident",
     "Integration",
     "Item",
     "LaneError",
@@ -114,8 +117,11 @@ __all__ = [
     "Limits",
     "LiveVerdict",
     "ModelFigure",
+    "Moment",
+    "Output",
     "PoseError",
     "Preflight",
+    "ProbableCause",
     "RedundantImu",
     "Reference",
     "ReferenceSpec",
@@ -130,6 +136,8 @@ __all__ = [
     "StandingFault",
     "State",
     "Statistic",
+    "TimelineRow",
+    "Tracking",
     "Verdict",
     "WindowErrors",
     "Windows",
@@ -155,6 +163,8 @@ __all__ = [
     "extend",
     "gravity_for",
     "imu_noise",
+    "imus_within",
+    "incident",
     "inventory",
     "judge_lanes",
     "known_from",
@@ -178,5 +188,6 @@ __all__ = [
     "used_aiding",
     "used_imus",
     "verdict_without_imu",
+    "window",
     "windows",
 ]

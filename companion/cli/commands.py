@@ -45,6 +45,11 @@ COMMANDS = {
         "Every lane of the estimator against the best estimate: which should have been flown, each switch judged.",
         "companion lanes flight.bin",
     ),
+    "incident": Command(
+        "The last seconds before it went wrong, with the probable causes",
+        "The seconds around a crash, loss of control, failsafe, fault or lane switch, as a page to post.",
+        "companion incident flight.bin -o incident.html",
+    ),
     "preflight": Command(
         "Before take-off: is each sensor fit to fly? Go or no-go by line",
         "A vehicle that stands for 20 to 60 s, in a log or on a link: each sensor against its limit, go or no-go.",

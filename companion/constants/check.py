@@ -83,6 +83,14 @@ REST_MIN_S = 3.0
 REST_QUIETEST = 5.0  # percentile of the blocks that is as quiet as this IMU gets
 REST_CLUSTER_S = 0.25  # over which noise is averaged: filters make neighbouring samples alike
 
+# The seconds around an incident
+INCIDENT_BEFORE_S = 30.0
+INCIDENT_AFTER_S = 5.0
+NOT_FOLLOWED_RAD = radians(30.0)  # from the desired attitude: half of what counts as overturned
+TAKING_OFF_S = 5.0  # after take-off: what tips over then was put together wrongly more often than not
+AT_END_SHARE = 0.25  # of two seconds about the moment, that an output stands at an end of its range,
+AT_END_USUAL = 0.05  # and of the time before
+
 # Before take-off
 PREFLIGHT_S = 60.0  # before arming or take-off, at most, that are looked at
 WARMING_TOLD_S = 20.0  # that tell how a gyro warms: in less its slow noise looks like it

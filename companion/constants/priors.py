@@ -23,3 +23,24 @@ MISJUDGED_ESTIMATE = 2e-4  # that the best estimate is as far off itself, for a 
 
 # Aiding sensors and jumps
 FALSE_ALARM = 1e-3  # of a stretch like it anywhere in the record of a healthy sensor
+
+# Incidents: why control is lost. `prior` is the share of losses, the others how often a cause shows such evidence: that
+# motors and propellers are first agrees with the public crash reports of both projects; all is engineering judgement
+SENSOR_CLEARED = 0.02  # least probability of a sensor's fault before a loss of control: a verdict may be wrong
+INCIDENT_EVIDENCE = (
+    "prior", "output_full", "output_zero", "not_followed", "desired_steep", "power_announced", "thrust_announced",
+    "taking_off", "log_ends",
+)  # fmt: skip
+INCIDENT = {
+    cause: dict(zip(INCIDENT_EVIDENCE, row, strict=True))
+    for cause, row in {
+        "mechanical": (0.35, 0.75, 0.40, 0.90, 0.05, 0.05, 0.50, 0.10, 0.10),
+        "installation": (0.10, 0.40, 0.40, 0.90, 0.05, 0.03, 0.10, 0.95, 0.05),
+        "power": (0.10, 0.60, 0.10, 0.60, 0.05, 0.60, 0.15, 0.05, 0.50),
+        "imu": (0.10, 0.30, 0.30, 0.50, 0.20, 0.03, 0.05, 0.15, 0.10),
+        "aiding": (0.05, 0.10, 0.10, 0.15, 0.15, 0.03, 0.02, 0.10, 0.10),
+        "estimator": (0.10, 0.20, 0.20, 0.30, 0.20, 0.03, 0.05, 0.15, 0.10),
+        "command": (0.05, 0.15, 0.15, 0.10, 0.70, 0.03, 0.02, 0.10, 0.10),
+        "other": (0.15, 0.40, 0.25, 0.60, 0.10, 0.05, 0.10, 0.10, 0.15),
+    }.items()
+}

@@ -3,6 +3,7 @@
 from companion.documents.analysis import analysis_document, contrast_document, unexamined_document
 from companion.documents.document import Document, encode
 from companion.documents.estimate import estimate_document
+from companion.documents.incident import incident_document
 from companion.documents.info import info_document
 from companion.documents.lanes import lanes_document
 from companion.documents.noise import noise_document

@@ -27,6 +27,7 @@ from companion.present.formats import (
     vehicle_words,
     with_unit,
 )
+from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
 from companion.present.lanes import lane_lines, lane_table, switch_words
 from companion.present.markup import Link, details, html_table, paragraph, table, text
 from companion.present.noise import SENSORS, density, interval

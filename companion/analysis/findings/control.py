@@ -76,7 +76,7 @@ def _at_its_end(flight: Flight, lost: float) -> str:
     usual = full[track.t < before].mean(axis=0) if (track.t < before).any() else full[0]
     around = (full[(track.t >= begin) & (track.t < begin + check.AROUND_S)] for begin in (before, lost))
     most = np.max([part.mean(axis=0) if len(part) else np.zeros(full.shape[1]) for part in around], axis=0)
-    names = [_output(flight, int(i)) for i in np.flatnonzero((most > 0.5) & (usual < 0.05))]
+    names = [output_name(flight, int(i)) for i in np.flatnonzero((most > 0.5) & (usual < 0.05))]
     return f" with {' and '.join(names)} at {'its' if len(names) == 1 else 'their'} end" if names else ""
 
 
@@ -84,7 +84,8 @@ _MOTORS = {33 + i: f"motor {i + 1}" for i in range(8)} | {82 + i: f"motor {i + 9
 """SERVOn_FUNCTION → what the output moves."""
 
 
-def _output(flight: Flight, index: int) -> str:
+def output_name(flight: Flight, index: int) -> str:
+    """What an output of the actuator track moves, by its place."""
     if flight.actuators is not None and flight.actuators.source == "actuator_motors":
         return f"motor {index + 1}"
     function = flight.parameters.get(f"SERVO{index + 1}_FUNCTION", 0.0)

@@ -1,0 +1,234 @@
+"""The seconds around what went wrong: what the sensors did, what the estimator believed, what was desired and achieved.
+
+A moment is the first loss of control or crash, else a failsafe, else the onset of the verdict's cause, else a lane
+switch. Its causes are weighed in `incident_causes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis.assessment import Assessment
+from companion.analysis.findings.control import output_name
+from companion.analysis.incident_causes import ProbableCause, of_loss, of_verdict
+from companion.analysis.loss_of_control import down_in_body
+from companion.analysis.phases import phases
+from companion.analysis.reference import length
+from companion.constants import check
+from companion.model import Array, DataError, Flight, ImuTrack
+
+MomentKind = Literal["requested", "loss_of_control", "failsafe", "cause", "lane_switch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What the page is about."""
+
+    t: float  # s, boot clock
+    kind: MomentKind
+    text: str  # untrusted
+
+
+@dataclass(frozen=True, slots=True)
+class TimelineRow:
+    """Something that was said or happened. The text is untrusted."""
+
+    after_s: float  # s, after the moment; negative before it
+    what: str  # "text", "mode", "armed", "error", "reset", "lane", "parameter", "finding"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """What one IMU read at most in the window."""
+
+    imu: str
+    rate: float  # rad/s, length of the rate
+    force: float  # m/s², length of the specific force
+    rate_before: float  # in the part before the moment
+    force_before: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Desired against achieved attitude: the angle between both third axes, rad."""
+
+    before: float  # median, up to two seconds before the moment
+    worst: float  # at most, from then on
+    worst_s: float  # s, after the moment
+    left_s: float | None  # s, after the moment, from when on it was beyond half of what overturns; None: never
+    desired: float  # rad, the greatest tilt that was desired in the two seconds before
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A motor or servo that stood at an end of its range about the moment, and seldom before."""
+
+    name: str
+    end: Literal["full", "zero"]
+    since_s: float  # s, after the moment
+    usual: float  # share of its range, before
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Incident:
+    """All that is to be told of one moment."""
+
+    moment: Moment
+    start_s: float  # boot clock, the window
+    end_s: float
+    causes: tuple[ProbableCause, ...]  # the likeliest first; together 1
+    timeline: tuple[TimelineRow, ...]
+    imus: tuple[Reached, ...]
+    tracking: Tracking | None  # None: no desired attitude in the log
+    outputs: tuple[Output, ...]
+    missing: tuple[str, ...]  # what is not in the log
+
+
+def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]:
+    """Everything that a page could be about, the most serious kind first, each in order of time."""
+    lost = [Moment(p.start, "loss_of_control", p.reason) for p in phases(flight) if p.kind == "impact"]
+    failsafes = [Moment(e.t, "failsafe", e.text) for e in flight.events if e.kind == "error" and "failsafe" in e.text]
+    causes = []
+    if assessment is not None:
+        told = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
+        causes = [Moment(f.cause.onset_s, "cause", f.evidence) for f in told if f.cause is not None]
+    lanes = [Moment(r.t, "lane_switch", r.text) for r in flight.resets if r.kind == "lane"]
+    return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))  # type: ignore[attr-defined]
+
+
+def incident(flight: Flight, assessment: Assessment | None, at: float | None = None) -> Incident:
+    """What happened about a moment: at a boot time (s), else at the most serious. Raises DataError without any."""
+    begin, end = flight.start, flight.start + flight.duration
+    if at is not None:
+        if not begin <= at <= end:
+            raise DataError(f"--at {at:g}: the flight is from {begin:.1f} to {end:.1f} s after boot.")
+        near = [m for m in moments(flight, assessment) if abs(m.t - at) <= check.SUDDEN_S]
+        moment = Moment(at, near[0].kind if near else "requested", near[0].text if near else "as requested")
+    else:
+        every = moments(flight, assessment)
+        if not every:
+            raise DataError(
+                "nothing went wrong that the log tells of: no loss of control, failsafe, fault or lane switch. "
+                "Name a time with --at SECONDS (boot clock)."
+            )
+        moment = every[0]
+    start, stop = max(begin, moment.t - check.INCIDENT_BEFORE_S), min(end, moment.t + check.INCIDENT_AFTER_S)
+    tracking, outputs = _tracking(flight, moment.t, stop), tuple(_outputs(flight, moment.t, stop))
+    lost = moment.kind == "loss_of_control" or (tracking is not None and tracking.left_s is not None)
+    causes = of_loss(flight, assessment, moment.t, tracking, outputs) if lost else of_verdict(assessment)
+    missing = tuple(
+        said
+        for lacks, said in (
+            (flight.control is None, "the desired attitude"),
+            (flight.actuators is None, "motors and servos"),
+            (not flight.imus, "the IMU"),
+            (not flight.gps, "GPS"),
+            (True, "battery voltage and current, motor speeds"),
+        )
+        if lacks
+    )
+    rows = sorted(_timeline(flight, assessment, moment.t, start, stop), key=lambda row: row.after_s)
+    return Incident(
+        moment=moment,
+        start_s=start,
+        end_s=stop,
+        causes=causes,
+        timeline=tuple(rows),
+        imus=tuple(_reached(flight, moment.t, start, stop)),
+        tracking=tracking,
+        outputs=outputs,
+        missing=missing,
+    )
+
+
+def _timeline(
+    flight: Flight, assessment: Assessment | None, t: float, start: float, stop: float
+) -> Iterator[TimelineRow]:
+    rows = [(one.t, "lane" if one.kind == "lane" else "reset", one.text or one.kind) for one in flight.resets]
+    rows += [(one.t, one.kind, one.text) for one in flight.events]
+    rows += [(one.t, "text", one.text) for one in flight.texts]
+    rows += [(one.t, "parameter", f"{one.name} = {one.value:g}") for one in flight.parameter_changes]
+    if assessment is not None:
+        rows += [(f.start_s, "finding", f.evidence) for f in assessment.verdict.findings if f.severity != "info"]
+    seen = set[tuple[float, str]]()
+    for when, what, text in rows:
+        key = (round(when, 1), text)
+        if start <= when <= stop and key not in seen:
+            seen.add(key)
+            yield TimelineRow(when - t, what, text)
+
+
+def _reached(flight: Flight, t: float, start: float, stop: float) -> Iterator[Reached]:
+    for one in flight.each_imu():
+        inside, before = (one.t >= start) & (one.t <= stop), (one.t >= start) & (one.t < t - check.WORTHLESS_S)
+        if inside.any():
+            yield Reached(
+                one.source, _most(one.gyro, inside), _most(one.accel, inside), _most(one.gyro, before),
+                _most(one.accel, before),
+            )  # fmt: skip
+
+
+def _most(values: Array, where: Array) -> float:
+    return float(length(values[where]).max()) if where.any() else float("nan")
+
+
+def _tracking(flight: Flight, t: float, stop: float) -> Tracking | None:
+    """By the third axes: heading may be anything without control being lost. From two seconds before the moment."""
+    attitude, control = flight.attitude, flight.control
+    if attitude is None or control is None or not len(control):
+        return None
+    since = t - check.LOST_BEFORE_S
+    inside = (attitude.t >= since) & (attitude.t <= stop)
+    last = np.maximum(np.searchsorted(control.t, attitude.t, side="right") - 1, 0)
+    inside &= np.abs(attitude.t - control.t[last]) < check.DESIRED_FRESH_S
+    if inside.sum() < 2:
+        return None
+    desired = down_in_body(control.q_ned_frd)[last][inside]
+    alike = (down_in_body(attitude.q_ned_frd)[inside] * desired).sum(axis=1)
+    angle, when = np.arccos(np.clip(alike, -1.0, 1.0)), attitude.t[inside]
+    tilt = np.arccos(np.clip(desired[:, 2], -1.0, 1.0))
+    early = when < t
+    left = np.flatnonzero(angle > check.NOT_FOLLOWED_RAD)
+    worst = int(np.argmax(angle))
+    return Tracking(
+        float(np.median(angle[early])) if early.any() else float(angle[0]),
+        float(angle[worst]),
+        float(when[worst] - t),
+        float(when[left[0]] - t) if len(left) else None,
+        float(tilt[early].max()) if early.any() else float(tilt[0]),
+    )
+
+
+def _outputs(flight: Flight, t: float, stop: float) -> Iterator[Output]:
+    """Outputs at an end for half of a second about the moment, and in less than a twentieth of the time before."""
+    track = flight.actuators
+    if track is None:
+        return
+    usual_part = (track.t >= t - check.INCIDENT_BEFORE_S) & (track.t < t - check.AROUND_S)
+    around = (track.t >= t - check.AROUND_S) & (track.t <= min(t + check.AROUND_S, stop))
+    if not usual_part.any() or not around.any():
+        return
+    for i, column in enumerate(track.output.T):
+        if not np.isfinite(column[around]).any() or np.nanstd(column) == 0.0:
+            continue
+        for end, at_end in (("full", column >= check.OUTPUT_FULL), ("zero", column <= 1.0 - check.OUTPUT_FULL)):
+            if at_end[around].mean() >= check.AT_END_SHARE and at_end[usual_part].mean() < check.AT_END_USUAL:
+                first = float(track.t[around][at_end[around]][0])
+                yield Output(output_name(flight, i), end, first - t, float(np.nanmedian(column[usual_part])))  # type: ignore[arg-type]
+
+
+def window(track_t: Array, start: float, stop: float) -> slice:
+    """The samples (N,) within a window, s."""
+    first, last = np.searchsorted(track_t, [start, stop])
+    return slice(int(first), int(last))
+
+
+def imus_within(flight: Flight, start: float, stop: float) -> Sequence[ImuTrack]:
+    """Each IMU within a window, s, those that have two samples or more in it."""
+    cut = [one[window(one.t, start, stop)] for one in flight.each_imu()]
+    return [one for one in cut if len(one) > 1]

@@ -1,0 +1,61 @@
+"""`companion incident LOG`: the seconds around what went wrong, as a page for a forum post or an issue."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from companion.analysis import Assessment, incident
+from companion.app import destination
+from companion.app.examination import assess_imu, unexaminable
+from companion.app.settings import Settings
+from companion.cli import options, parsers
+from companion.documents import encode, incident_document
+from companion.model import Flight, InputError
+from companion.present import incident_markdown
+
+_ENDS = (".md", ".html")
+
+
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
+    parsers.add_flight_choice(parser)
+    parser.add_argument(
+        "--at", type=float, metavar="S", help="seconds of the boot clock (default: what went wrong first and worst)"
+    )
+    parsers.add_json(parser)
+    parsers.add_output(parser, "FILE", "write it to FILE.md, or FILE.html with charts (default: print Markdown)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the page, or write it."""
+    path = options.output(arguments)
+    if path is not None and path.suffix not in _ENDS:
+        raise InputError(f"cannot write {path}: the name has to end in .md or .html.")
+    settings, recording, flight = options.one_flight(arguments)
+    assessment = _assessed(flight, settings)
+    told = incident(flight, assessment, arguments.at)
+    verdict = "" if assessment is None else assessment.verdict.summary
+    name = Path(arguments.log).name
+    if arguments.json:
+        print(encode(incident_document(recording.source, flight, told)))
+    if path is None:
+        if not arguments.json:
+            print(incident_markdown(told, flight, verdict, name), end="")
+        return 0
+    if path.suffix == ".html":
+        from companion.report import incident_html  # noqa: PLC0415  (the charts are slow to import)
+
+        page = incident_html(told, flight, None if assessment is None else assessment.best, verdict, name)
+    else:
+        page = incident_markdown(told, flight, verdict, name)
+    with destination.replacing(path) as part:
+        part.write_text(page, encoding="utf-8")
+    options.say(f"written: {path}")
+    return 0
+
+
+def _assessed(flight: Flight, settings: Settings) -> Assessment | None:
+    """What sensors and estimator were like; None for a log without IMU or attitude, which tells the rest alone."""
+    return None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)
