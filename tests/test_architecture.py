@@ -51,6 +51,7 @@ MAY_IMPORT = {
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
     | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
+    | {"app.lanes"}
     | {"documents", "present", "view"},
     "pages": set[str](),
     "pages.replay": GROUND

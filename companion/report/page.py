@@ -11,7 +11,7 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
 from companion.present import palette, paragraph
-from companion.report import drift, errors_over_time, noise, provenance, sensors, vibration
+from companion.report import drift, errors_over_time, lanes, noise, preflight, provenance, sensors, vibration
 from companion.report.charts import Charts
 from companion.report.findings import bare_findings, findings
 from companion.report.html_page import Section, sheet
@@ -52,6 +52,7 @@ def report_html(
     drawn = flight, subject.replay, subject.colour, charts, assessment.best
     first = head(subject, ground(*drawn))
     sections = [Section(anchor, title, body(subject)) for anchor, title, body in _SECTIONS]
+    sections += [*lanes.sections(subject), *preflight.sections(subject)]
     sections.append(Section("track", "Altitude", track(*drawn)))
     data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:

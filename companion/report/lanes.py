@@ -1,0 +1,61 @@
+"""The lanes of the estimator against the best estimate: a section of the pages of flights that have several."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.analysis import Lanes
+from companion.app.lanes import lanes_of
+from companion.model import DataError, words
+from companion.present import capitalised, html_table, lane_lines, lane_table, palette, paragraph, text
+from companion.report import traces
+from companion.report.html_page import Section
+from companion.report.subject import Subject
+
+_DRAWN = (
+    ("tilt", "tilt, °", np.degrees(1.0)),
+    ("heading", "heading, °", np.degrees(1.0)),
+    ("velocity", "velocity, m/s", 1.0),
+)
+
+
+def sections(subject: Subject) -> list[Section]:
+    """One, where the flight has two lanes or more and a best estimate; else none."""
+    flight, assessment = subject.flight, subject.assessment
+    if sum(lane.core is not None for lane in flight.lanes) < 2 or assessment.best is None:
+        return []
+    try:
+        lanes, best = lanes_of(flight, subject.settings, assessment)
+    except DataError:
+        return []
+    body = paragraph(f"By the best estimate of {best.imu.source}, which none of the lanes is part of.")
+    body += "".join(map(paragraph, lane_lines(lanes)))
+    for i, span in enumerate(lanes.spans):
+        if span.lanes:
+            title = f"{capitalised(words(span.what))}, {span.start_s:.1f}-{span.end_s:.1f} s"
+            body += f"<h3>{text(title)}: error, 95 %, ± of the estimate</h3>" + html_table(
+                lane_table(span), f"lanes{i}"
+            )
+    return [Section("lanes", "Lanes of the estimator", body + _chart(subject, lanes))]
+
+
+def _chart(subject: Subject, lanes: Lanes) -> str:
+    """The size of each lane's error over the flight; shaded: the spans of faults."""
+    compared = lanes.compared
+    panels = []
+    colours = (palette.AUTOPILOT, *palette.IMUS)
+    for quantity, title, factor in _DRAWN:
+        drawn = []
+        for one, colour in zip(compared.lanes, colours, strict=False):
+            known = one.known(quantity) & compared.judged
+            if known.sum() > 1:
+                size = factor * np.linalg.norm(one.error[quantity][known], axis=1)
+                t = compared.t[known]
+                drawn.append(traces.line(t, size, text(one.lane.name), colour, breaks=traces.gaps(t)))
+        if drawn:
+            panels.append(traces.Panel(title, drawn))
+    if not panels:
+        return ""
+    spans = [(span.start_s, span.end_s) for span in lanes.spans[1:]]
+    figure = traces.stack(panels, traces.TIME, spans=spans)
+    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.", rows=len(panels))
