@@ -1,4 +1,4 @@
-"""Lanes of simulated flights against their truth: `python -m benchmarks.accuracy.lanes LOG...`.
+"""Lanes of simulated flights against their truth: `python benchmarks/accuracy/lanes.py LOG...`.
 
 A row for each span of each log: the lane that truly was the nearest, the one that is named, and those that are called
 off with what they truly were off by. A log needs two lanes or more and the simulator's truth: ArduPilot's .BIN with SIM
@@ -103,9 +103,7 @@ def main() -> int:
                     f"called off {', '.join(row.called_off) or '-'}"
                 )
                 for name, own in row.sizes.items():
-                    shown = ", ".join(
-                        f"{q} {s * (57.3 if q in ('tilt', 'heading') else 1.0):.2f}" for q, s in own.items()
-                    )
+                    shown = ", ".join(f"{quantity} {size:.3f}" for quantity, size in own.items())
                     print(f"    {name}: {shown}", flush=True)
         except CompanionError as error:
             print(f"{path.name:26} {error}", flush=True)

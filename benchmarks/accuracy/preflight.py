@@ -1,4 +1,4 @@
-"""Preflight checks of recordings that stand: `python -m benchmarks.accuracy.preflight LOG...`.
+"""Preflight checks of recordings that stand: `python benchmarks/accuracy/preflight.py LOG...`.
 
 First each log as it is: what is no-go (of healthy logs that is a false alarm). Then the same with one fault of twice
 its limit injected into one sensor: whether that line is no-go.
