@@ -11,7 +11,7 @@ import numpy as np
 from companion.analysis.deviations import at_first
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import BoolArray, attitude_error, length
-from companion.constants import healthy, num
+from companion.constants import healthy, num, priors
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, chi_square
 from companion.model import Array, EstimatorLane, Flight, nearest
 
@@ -137,6 +137,30 @@ def nearer_probability(one: LaneErrors, other: LaneErrors, compared: Compared, w
     if variance > 0.0:
         return _normal(gain / math.sqrt(variance))
     return 0.5 if told else None  # the same to the last bit
+
+
+def worse(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray) -> bool:
+    """Whether a lane is surely the worse of two over keyframes (K,), by so much that it matters.
+
+    The other one is surely nearer to the truth. And it is surely further off than a healthy one; or that is likelier
+    than not, and the two differ by more than a healthy one is off by: that is logged, and known without any σ.
+    """
+    nearer = nearer_probability(other, one, compared, where)
+    if nearer is None or nearer < priors.ACCUSED:
+        return False
+    off = off_probability(one, compared, where)
+    return off >= priors.ACCUSED or (off >= priors.PROBABLY_HARMFUL and max(apart(one, other, where).values()) > 1.0)
+
+
+def apart(one: LaneErrors, other: LaneErrors, where: BoolArray) -> dict[str, float]:
+    """By how much two lanes differ, rms over keyframes (K,), in units of what a healthy one is off by; 0: not known."""
+    sizes = dict.fromkeys(one.error, 0.0)
+    for quantity, e in one.error.items():
+        known = where & one.known(quantity) & other.known(quantity)
+        if known.any():
+            difference = (e - other.error[quantity])[known]
+            sizes[quantity] = float(np.sqrt((difference**2).sum(axis=1).mean())) / healthy_bound(quantity)
+    return sizes
 
 
 def _normal(z: float) -> float:

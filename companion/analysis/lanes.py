@@ -17,10 +17,11 @@ from companion.analysis.finding import Cause, Finding
 from companion.analysis.lane_errors import (
     Compared,
     LaneErrors,
+    apart,
     compare_lanes,
-    healthy_bound,
     nearer_probability,
     off_probability,
+    worse,
 )
 from companion.analysis.phases import judged_parts, phases
 from companion.analysis.reference import BoolArray, length
@@ -172,9 +173,9 @@ def _span(
     flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, start, end))
     ranked = [_in_span(one, compared, where) for one in compared.lanes if len(one.lane)]
     known = [one for one in ranked if one.errors]
-    off = {one.lane for one in known if one.off}
     sure = [one.lane for one in known if one.nearest is not None and one.nearest >= priors.ACCUSED]
-    right = sure[0] if sure and off & {*(flown or (FLOWN,))} else None
+    errors = {one.lane.name: one for one in compared.lanes}
+    right = sure[0] if sure and any(worse(errors[n], errors[sure[0]], compared, where) for n in flown) else None
     return LaneSpan(start, end, what, flown, tuple(known), right, sharing)
 
 
@@ -238,26 +239,19 @@ def _switch(
         return replace(unknown, why="the best estimate does not cover the time after it")
     off = [off_probability(one, compared, where) for one in (old, new)]
     judgement: Judgement = "undecided"
-    if p >= priors.ACCUSED and off[0] >= priors.ACCUSED:
+    if worse(old, new, compared, where):
         judgement = "right"
-    elif p <= 1.0 - priors.ACCUSED and off[1] >= priors.ACCUSED:
+    elif worse(new, old, compared, where):
         judgement = "wrong"
     elif max(off) < 1.0 - priors.ACCUSED:
         judgement = "indifferent"
-    quantity = max(_UNITS, key=lambda name: _apart(old, new, name, where))
+    differ = apart(old, new, where)
+    quantity = max(differ, key=lambda name: differ[name])
     left, taken = (_error(one, quantity, compared, where) for one in (old, new))
     return replace(
         unknown, judgement=judgement, probability=p, quantity=quantity, before_size=left.rms, after_size=taken.rms,
         sigma=left.sigma,
     )  # fmt: skip
-
-
-def _apart(old: LaneErrors, new: LaneErrors, quantity: str, where: BoolArray) -> float:
-    """How far two lanes differ, in units of what a healthy estimator is off by; -1 where that is not known."""
-    known = where & old.known(quantity) & new.known(quantity)
-    if not known.any():
-        return -1.0
-    return float(length((old.error[quantity] - new.error[quantity])[known]).mean()) / healthy_bound(quantity)
 
 
 def readers(lanes: Sequence[EstimatorLane], cause: Cause, start: float, end: float) -> tuple[str, ...] | None:

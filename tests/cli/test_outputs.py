@@ -28,6 +28,8 @@ WRITES: dict[str, Callable[[], list[str]]] = {
     "calibrate": lambda: [DEMO, "--force"],
     "smooth": lambda: [DEMO, "--force"],
     "noise": lambda: [DEMO, "--force"],
+    "incident": lambda: [DEMO, "--at", "60", "--force"],
+    "preflight": lambda: [f"udpin:127.0.0.1:{free_port()}", "--wait", "0.1"],
     "export": lambda: [DEMO, "--format", "json", "--force"],
     "fleet": lambda: [DEMO, "--workers", "1"],
     "view": lambda: [f"udpin:127.0.0.1:{free_port()}", "--wait", "0.1"],
@@ -37,7 +39,7 @@ WRITES: dict[str, Callable[[], list[str]]] = {
 }
 """Command → what else it is given to write something."""
 
-ENDS = {"smooth": ".tum", "noise": ".yaml"}
+ENDS = {"smooth": ".tum", "noise": ".yaml", "incident": ".md"}
 """What the name has to end in, where that matters."""
 
 
