@@ -45,6 +45,7 @@ class Compared:
     judged: BoolArray  # (K,) whether an estimator is held responsible there
     covariance: Mapping[str, Array]  # (K, n, n) of the best estimate's own error, by quantity
     lanes: tuple[LaneErrors, ...]
+    by_change: bool = False  # whether headings are counted from where the lanes had them at first
 
     def within(self, start: float, end: float) -> BoolArray:
         """(K,) which keyframes of a span, s, are judged."""
@@ -70,7 +71,38 @@ def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorL
             for one in made:
                 one.error[part][...] -= first
     covariance = {name: best.covariance[:, block, block][:, own, own] for name, (block, own) in _PARTS.items()}
-    return Compared(best.t, judged, covariance, tuple(made))
+    changed = _heading_by_change(made, best, judged)
+    if changed is not None:
+        covariance["heading"] = changed[:, None, None] ** 2
+    for one in made:  # what is known no better than a healthy lane says nothing about any
+        for name, error in one.error.items():
+            error[np.trace(covariance[name], axis1=1, axis2=2) >= healthy_bound(name) ** 2] = np.nan
+    return Compared(best.t, judged, covariance, tuple(made), changed is not None)
+
+
+def _heading_by_change(made: Sequence[LaneErrors], best: BestEstimate, judged: BoolArray) -> Array | None:
+    """(K,) rad, 1σ of the headings counted from where the lanes had them at first, where that is better known.
+
+    A compass that is not calibrated turns the best estimate as a whole, and its change is known far better. The lanes,
+    as long as they agree, are off by what healthy ones are. The errors are moved to there, all by the same; None where
+    nothing is moved.
+    """
+    numbered = [one for one in made if one.lane.core is not None]
+    if len(numbered) < 2:
+        return None
+    known = np.flatnonzero(judged & np.logical_and.reduce([one.known("heading") for one in numbered]))
+    early = known[: max(num.MIN_FIXES, int(num.POSITION_ORIGIN_SHARE * len(known)))]
+    if len(early) < num.MIN_FIXES:
+        return None
+    first = [float(np.median(one.error["heading"][early])) for one in numbered]
+    usual = healthy.AP_SIGMA["heading"]
+    middle = int(early[len(early) // 2])
+    sigma = np.hypot(best.change_sigma(ATTITUDE, middle)[:, 2], usual)
+    if np.ptp(first) > usual or np.median(sigma[judged]) >= np.median(best.sigma(ATTITUDE)[judged, 2]):
+        return None
+    for one in made:
+        one.error["heading"][...] -= np.median(first)
+    return np.asarray(sigma)
 
 
 def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
@@ -85,8 +117,6 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
         sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
     of = {"tilt": "turn", "heading": "turn", "velocity": "velocity", "position": "position", "height": "position"}
     errors = {name: np.where(near[:, None], sources[of[name]][:, own], np.nan) for name, (_, own) in _PARTS.items()}
-    for name, (block, own) in _PARTS.items():  # what is known no better says nothing about a lane
-        errors[name][length(best.sigma(block)[:, own]) >= healthy_bound(name)] = np.nan
     if not {"gps_height", "barometer"} & best.residuals.keys():
         errors["height"] = np.full_like(errors["height"], np.nan)
     if best.heading_from == "first guess":  # nothing but the autopilot's own attitude told it
@@ -117,12 +147,15 @@ def off_probability(one: LaneErrors, compared: Compared, where: BoolArray) -> fl
     return most
 
 
-def nearer_probability(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray) -> float | None:
+def nearer_probability(
+    one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray, odds: float = 1.0
+) -> float | None:
     """That a lane is nearer to the truth than another over keyframes (K,), in the mean square; None: nothing tells.
 
     The difference e - f of two lanes is logged, and has no error of the best estimate in it: with its error δ between
     them, |f - δ|² - |e - δ|² = |f|² - |e|² + 2 (e - f)·δ, which is linear in δ. δ is taken as the same throughout: that
-    makes it the least sure. Each quantity counts in units of what a healthy estimator is off by.
+    makes it the least sure. Each quantity counts in units of what a healthy estimator is off by. odds: that the lane is
+    the nearer one, before the best estimate has spoken.
     """
     gain, variance, told = 0.0, 0.0, False
     for quantity, e in one.error.items():
@@ -134,18 +167,20 @@ def nearer_probability(one: LaneErrors, other: LaneErrors, compared: Compared, w
             gain += float(((f[known] ** 2).sum(axis=1) - (e[known] ** 2).sum(axis=1)).mean()) / unit
             own = np.einsum("ki,kij,kj->k", apart, compared.covariance[quantity][known], apart)
             variance += 4.0 * float(own.mean()) / unit**2
-    if variance > 0.0:
-        return _normal(gain / math.sqrt(variance))
-    return 0.5 if told else None  # the same to the last bit
+    if not told:
+        return None
+    share = _normal(gain / math.sqrt(variance)) if variance > 0.0 else 0.5  # the same to the last bit
+    return share * odds / (share * odds + 1.0 - share)
 
 
-def worse(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray) -> bool:
+def worse(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray, odds: float = 1.0) -> bool:
     """Whether a lane is surely the worse of two over keyframes (K,), by so much that it matters.
 
     The other one is surely nearer to the truth. And it is surely further off than a healthy one; or that is likelier
-    than not, and the two differ by more than a healthy one is off by: that is logged, and known without any σ.
+    than not, and the two differ by more than a healthy one is off by: that is logged, and known without any σ. odds:
+    that the other one is nearer, before the best estimate has spoken.
     """
-    nearer = nearer_probability(other, one, compared, where)
+    nearer = nearer_probability(other, one, compared, where, odds)
     if nearer is None or nearer < priors.ACCUSED:
         return False
     off = off_probability(one, compared, where)

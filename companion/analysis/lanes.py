@@ -117,7 +117,7 @@ def judge_lanes(flight: Flight, best: BestEstimate, findings: Sequence[Finding] 
         if compared.within(start, end).any():
             spans.append(_span(compared, used, start, end, cause.kind, readers(numbered, cause, start, end)))
     switches = tuple(_switches(flight, compared))
-    return Lanes(lanes, used, tuple(spans), switches, compared, tuple(_notes(flight, numbered, best)))
+    return Lanes(lanes, used, tuple(spans), switches, compared, tuple(_notes(flight, numbered, best, compared)))
 
 
 def _as_flown(flight: Flight, numbered: Sequence[EstimatorLane]) -> EstimatorLane | None:
@@ -171,18 +171,35 @@ def _span(
     where = compared.within(start, end)
     names = {one.lane.core: one.lane.name for one in compared.lanes if one.lane.core is not None}
     flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, start, end))
-    ranked = [_in_span(one, compared, where) for one in compared.lanes if len(one.lane)]
+    odds = _Odds(sharing or ())
+    ranked = [_in_span(one, compared, where, odds) for one in compared.lanes if len(one.lane)]
     known = [one for one in ranked if one.errors]
     sure = [one.lane for one in known if one.nearest is not None and one.nearest >= priors.ACCUSED]
     errors = {one.lane.name: one for one in compared.lanes}
-    right = sure[0] if sure and any(worse(errors[n], errors[sure[0]], compared, where) for n in flown) else None
+    best = errors[sure[0]] if sure else None
+    matters = best is not None and any(worse(errors[n], best, compared, where, odds.of(best, errors[n])) for n in flown)
+    right = sure[0] if matters else None
     return LaneSpan(start, end, what, flown, tuple(known), right, sharing)
 
 
-def _in_span(one: LaneErrors, compared: Compared, where: BoolArray) -> LaneInSpan:
+@dataclass(frozen=True, slots=True)
+class _Odds:
+    """That one of two lanes is the nearer: a faulty sensor misleads the lanes that read it oftener than the others."""
+
+    readers: tuple[str, ...]  # of the faulty sensor
+
+    def of(self, one: LaneErrors, other: LaneErrors) -> float:
+        """Of the first one."""
+        mine, theirs = (lane.lane.name in self.readers for lane in (one, other))
+        return priors.MISLED_ODDS ** (int(theirs) - int(mine))
+
+
+def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, odds: _Odds) -> LaneInSpan:
     errors = tuple(_error(one, quantity, compared, where) for quantity in _UNITS if (where & one.known(quantity)).any())
     others = [other for other in compared.lanes if None not in (one.lane.core, other.lane.core) and other is not one]
-    pairs = [p for other in others if (p := nearer_probability(one, other, compared, where)) is not None]
+    pairs = [
+        p for other in others if (p := nearer_probability(one, other, compared, where, odds.of(one, other))) is not None
+    ]
     beaten = any(p <= 1.0 - priors.ACCUSED for p in pairs)
     off = beaten and off_probability(one, compared, where) >= priors.ACCUSED
     return LaneInSpan(one.lane.name, errors, min(pairs, default=None), off)
@@ -273,7 +290,7 @@ def _between(used: SensorInUse, start: float, end: float) -> set[int]:
     return {number for number in used.instance.tolist() if used.uses(number, start, end)}
 
 
-def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate) -> Iterator[str]:
+def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate, compared: Compared) -> Iterator[str]:
     if not numbered:
         yield (
             "the log has only the estimate that flew: of the other lanes "
@@ -284,6 +301,8 @@ def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate
     imus = [lane.imu for lane in numbered if lane.imu is not None]
     if len(imus) > len(set(imus)):
         yield "several lanes read the same IMU: what is wrong with it is wrong with all of them"
+    if compared.by_change:
+        yield "headings are counted from where the lanes had them at first: their change is better known"
     if "gps_position" not in best.residuals:
         yield "without a GPS velocity and position of the lanes cannot be judged"
     if best.heading_from == "first guess":

@@ -19,6 +19,8 @@ CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a fli
 # Rest, biases and mounting
 FAULTY_IMU = 0.01  # share of IMUs that fly with an error from the start: 3 of 86 logs of strangers' vehicles
 ESTIMATOR_ERROR = 0.08  # share of flights in which the estimator is off by itself: 7 of 86 logs of strangers' vehicles
+MISLED = 0.3  # probability that an estimator leaves the truth after a sensor that it reads has a fault
+MISLED_ODDS = (MISLED / (1.0 - MISLED)) / (ESTIMATOR_ERROR / (1.0 - ESTIMATOR_ERROR))  # against one that does not
 MISJUDGED_ESTIMATE = 2e-4  # that the best estimate is as far off itself, for a cause that no hypothesis of it has
 
 # Aiding sensors and jumps
