@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from companion.analysis import Preflight, preflight
 from companion.app.recording import read_recording
 from companion.app.sensors import imu_spec_of
 from companion.constants import harm, healthy
-from companion.model import STANDARD_GRAVITY, CompanionError, Flight, ImuTrack
+from companion.model import STANDARD_GRAVITY, CompanionError, Flight, GpsTrack, ImuTrack
 
 _GYRO = healthy.USUAL_BIAS["gyro"]
 _ACCEL = float(np.hypot(healthy.USUAL_BIAS["accel"], healthy.USUAL_SCALE * STANDARD_GRAVITY))
@@ -43,10 +44,12 @@ def _frozen(track: ImuTrack) -> ImuTrack:
 
 
 def _gps(**factors: float) -> Inject:
+    def changed(gps: GpsTrack) -> GpsTrack:
+        columns: dict[str, Any] = {name: np.full(len(gps), value) for name, value in factors.items()}
+        return replace(gps, **columns)
+
     def inject(flight: Flight) -> Flight:
-        return replace(
-            flight, gps=tuple(replace(g, **{n: np.full(len(g), v) for n, v in factors.items()}) for g in flight.gps)
-        )
+        return replace(flight, gps=tuple(map(changed, flight.gps)))
 
     return inject
 

@@ -17,7 +17,7 @@ from companion.analysis.findings.control import output_name
 from companion.analysis.incident_causes import ProbableCause, of_loss, of_verdict
 from companion.analysis.loss_of_control import down_in_body
 from companion.analysis.phases import phases
-from companion.analysis.reference import length
+from companion.analysis.reference import BoolArray, length
 from companion.constants import check
 from companion.model import Array, DataError, Flight, ImuTrack
 
@@ -98,7 +98,7 @@ def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]
         told = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
         causes = [Moment(f.cause.onset_s, "cause", f.evidence) for f in told if f.cause is not None]
     lanes = [Moment(r.t, "lane_switch", r.text) for r in flight.resets if r.kind == "lane"]
-    return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))  # type: ignore[attr-defined]
+    return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))
 
 
 def incident(flight: Flight, assessment: Assessment | None, at: float | None = None) -> Incident:
@@ -173,7 +173,7 @@ def _reached(flight: Flight, t: float, start: float, stop: float) -> Iterator[Re
             )  # fmt: skip
 
 
-def _most(values: Array, where: Array) -> float:
+def _most(values: Array, where: BoolArray) -> float:
     return float(length(values[where]).max()) if where.any() else float("nan")
 
 

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from companion.analysis.preflight_check import Check, Measured, Standing, judged
-from companion.analysis.reference import length
+from companion.analysis.reference import BoolArray, IntArray, length
 from companion.constants import check, harm, healthy, num
 from companion.estimation import field_at
 from companion.model import Array, BarometerTrack, CompassTrack, Flight, GpsTrack
@@ -69,7 +69,7 @@ def _directions(
         ned = quaternion.rotate(q[None], field[None])[0]
         turn = np.arctan2(ned[1], ned[0]) - np.arctan2(earth[1], earth[0])
         apart = abs(float(np.mod(turn + np.pi, 2.0 * np.pi) - np.pi))
-        limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(length(earth[:2]), 1e-9), 1.0)))
+        limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(float(length(earth[:2])), 1e-9), 1.0)))
         sigma = healthy.MAGNETIC_HEADING_RAD
         made = judged("compass_heading", one.source, apart, sigma, min(limit, harm.COMPASS_HEADING_RAD), "rad")
         yield replace(made, autopilot="heading inconsistent" if not _px4(flight) else "COM_ARM_EKF_YAW")
@@ -95,7 +95,7 @@ def barometer_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
         yield from _temperature(one, inside)
 
 
-def _temperature(one: BarometerTrack, inside: Array) -> Iterator[Check]:
+def _temperature(one: BarometerTrack, inside: BoolArray) -> Iterator[Check]:
     celsius = one.temperature[inside]
     if np.isfinite(celsius).any():
         low, high = healthy.BAROMETER_DEGC
@@ -124,7 +124,7 @@ def gps_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
 _REQUIRED = {"horizontal_sigma": "EKF2_REQ_EPH", "vertical_sigma": "EKF2_REQ_EPV", "speed_sigma": "EKF2_REQ_SACC"}
 
 
-def _receiver(flight: Flight, one: GpsTrack, newest: Array) -> Iterator[Check]:
+def _receiver(flight: Flight, one: GpsTrack, newest: IntArray) -> Iterator[Check]:
     fix = float(np.median(one.fix_type[newest]))
     text = "need 3D fix" if not _px4(flight) else "GPS fix too low"
     yield replace(judged("gps_fix", one.source, check.FIX_3D - fix, 0.1, 0.5, ""), autopilot=text,

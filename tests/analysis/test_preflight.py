@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,7 +127,8 @@ def test_a_compass_beside_iron_is_no_go() -> None:
 def test_a_receiver_without_a_good_fix_is_no_go(change: dict[str, float], name: str) -> None:
     flight = standing()
     (gps,) = flight.gps
-    poor = replace(gps, **{field: np.full(len(gps), value) for field, value in change.items()})
+    columns: dict[str, Any] = {field: np.full(len(gps), value) for field, value in change.items()}
+    poor = replace(gps, **columns)
     assert line(checked(replace(flight, gps=(poor,))), name, gps.source).outcome == "no_go"
 
 

@@ -87,12 +87,13 @@ def test_each_instance_of_px4_is_a_lane(tmp_path: Path, attitudes: str) -> None:
 
     states = np.zeros((len(t), 24), np.float32)
     states[:, 0], states[:, 4], states[:, 9] = 1.0, 1.0, -5.0
+    estimated = level if "attitude" in attitudes else states
     topics: dict[str, Fields] = {
-        f"{attitudes}{suffix}": {"timestamp": t, **({"q": level} if "attitude" in attitudes else {"states": states})}
+        f"{attitudes}{suffix}": {"timestamp": t, "q" if "attitude" in attitudes else "states": estimated}
         for suffix in ("", ":1")
     }
     topics |= {"estimator_local_position": moved(1.0), "estimator_local_position:1": moved(7.0)}
-    primary = {"timestamp": t, "primary_instance": np.where(t > 6_000_000, 1, 0).astype(np.uint8)}
+    primary: Fields = {"timestamp": t, "primary_instance": np.where(t > 6_000_000, 1, 0).astype(np.uint8)}
     path = tmp_path / "two.ulg"
     path.write_bytes(ulog(topics | {"estimator_selector_status": primary}))
     flight = c.open_log(path)[0]
