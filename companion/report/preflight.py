@@ -21,4 +21,4 @@ def sections(subject: Subject) -> list[Section]:
     body = paragraph(preflight_headline(result))
     body += "".join(paragraph(f"Not checked: {one}") for one in result.missing)
     body += "".join(paragraph(f"The vehicle says: {one}") for one in result.said)
-    return [Section("preflight", "Before take-off", body + html_table(preflight_table(result), "preflight"))]
+    return [Section("preflight", "Before take-off", body + html_table(preflight_table(result), "checks"))]
