@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.fault_interval import BIAS_UNITS, EstimatorDeviation
 from companion.analysis.finding import IntArray, runs
 from companion.analysis.phases import flown, judged_at, phases
-from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
+from companion.analysis.reference import BoolArray, Limits, attitude_error, length, reference_at
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -18,21 +18,10 @@ from companion.estimation import (
     POSITION,
     VELOCITY,
     BestEstimate,
-    corrected,
     kind_of,
-    shaking,
 )
-from companion.model import Array, EstimatorReset, Flight, NoEstimateError, weighted_median
+from companion.model import Array, EstimatorReset, Flight, NoEstimateError
 from companion.strapdown import preintegrate, quaternion
-
-_AXES: Mapping[str, tuple[str, slice]] = {
-    "tilt": ("turn", slice(0, 2)),
-    "heading": ("turn", slice(2, 3)),
-    "velocity": ("velocity", slice(0, 2)),
-    "position": ("position", slice(0, 2)),
-    "height": ("position", slice(2, 3)),
-}
-"""Quantity → what it is of, and its components in NED."""
 
 _LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
 
@@ -53,13 +42,12 @@ def estimator_deviations(
         return ()
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
-    error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
-    shaken, between = _shaken(best), reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
+    between = reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
     tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
     off = {
-        "tilt": (length(error[:, :2]), _together(tilt, _beyond("tilt", shaken), between.attitude)),
-        "heading": (heading, _together(doubt, _beyond("heading", shaken), between.attitude)),
+        "tilt": (length(error[:, :2]), _together(tilt, between.attitude)),
+        "heading": (heading, _together(doubt, between.attitude)),
     }
     known = judged & reference.position_known
     which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
@@ -85,51 +73,8 @@ def estimator_deviations(
             if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
-                felt = _confirmed_by_imu(best, reference, name, value, peak)
-                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
+                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, stepped))
     return tuple(sorted(deviations, key=lambda d: d.start))
-
-
-def _shaken(best: BestEstimate) -> Array:
-    """(K,) rad, 1σ of what two attitudes differ by that tell the shaking of a vehicle at other times, around each."""
-    _, turned = shaking(best.imu)
-    square = np.concatenate([[0.0], np.cumsum((turned**2).sum(axis=1))])
-    first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-num.AVERAGED_S, num.AVERAGED_S))
-    return np.asarray(np.sqrt(2.0 * (square[last] - square[first]) / np.maximum(last - first, 1)))
-
-
-def _beyond(quantity: str, sigma: Array) -> Array:
-    """(K,) 1σ, what is more in some σ (K,) than an estimator in order may be off by."""
-    return np.asarray(np.sqrt(np.maximum(sigma**2 - healthy.AP_SIGMA[quantity] ** 2, 0.0)))
-
-
-def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
-    """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
-
-    Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray
-    by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
-    nor of velocity and position after more than some seconds.
-    """
-    low = np.flatnonzero(value[:peak] <= check.DEVIATION_ONSET * value[peak])
-    if not len(low):
-        return False
-    first, (moved, axes) = int(low[-1]), _AXES[quantity]
-    if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
-        return False
-    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
-
-    def off(one: Reference | BestEstimate) -> float:
-        start = one.q_ned_frd[first], one.velocity[first], one.position[first]
-        q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
-        error = {
-            "turn": attitude_error(one.q_ned_frd[peak], q),
-            "velocity": one.velocity[peak] - v,
-            "position": one.position[peak] - p,
-        }
-        return float(np.linalg.norm(error[moved][axes]))
-
-    autopilot = off(reference)
-    return autopilot < off(best) and autopilot < (1.0 - check.DEVIATION_ONSET) * float(value[peak])
 
 
 def _together(*sigmas: Array) -> Array:
@@ -208,23 +153,6 @@ def least_deviation(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a deviation where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
     return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
-
-
-def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
-    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
-
-    Of how the error changes with the rate from one keyframe to the next: what is off throughout is no lag, nor what
-    drifts, which on a circle may look like one. The median of what each change says, as often as it tells of it.
-    """
-    rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
-    both = judged[1:] & judged[:-1]
-    changed, off = np.diff(rate, axis=0)[both], np.diff(error, axis=0)[both]
-    weight = (changed**2).sum(axis=1)
-    telling = weight > check.RATE_LAG_RPS**2
-    if telling.sum() < check.RATE_LAG_CHANGES:
-        return np.zeros_like(error)
-    weight, said = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
-    return np.asarray(rate * np.clip(weighted_median(said, weight), -check.RATE_LAG_S, check.RATE_LAG_S))
 
 
 _UNITS: Mapping[str, tuple[str, str, float]] = {

@@ -10,7 +10,7 @@ from companion.estimation.differences import differences
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
 from companion.estimation.explanations import KINDS, Kind, kind_of
-from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
+from companion.estimation.low_pass import restored
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,
@@ -90,14 +90,12 @@ __all__ = [
     "chi_square",
     "clip_counters",
     "confirmed_sampling",
-    "coning",
     "corrected",
     "differences",
     "field_at",
     "folded_gain",
     "folded_onto",
     "harmful",
-    "hides_shaking",
     "imu_spectrum",
     "kind_of",
     "main_axis",
@@ -110,7 +108,6 @@ __all__ = [
     "restored",
     "righted",
     "sampling_of",
-    "shaking",
     "smooth",
     "stretches",
     "times_of_change",

@@ -35,7 +35,7 @@ def findings_by_estimate(
     while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
     deviations = estimator_deviations(flight, best, limits, tilted)
     deviations = tuple(one for one in deviations if not is_led_to(one.start, one.end, faults))
-    out = findings_of(while_judged, deviations, best, jumps, flight.imu_in_use)
+    out = findings_of(while_judged, deviations, best, flight.imu_in_use)
     out += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
     # the best estimate has judged where the autopilot went: a jump is one of the signs of it
     return out, [_confirmed(f, [*so_far, *out], best) for f in jumps]
