@@ -9,26 +9,30 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from companion.analysis.agreement import Agreement, agreement, while_judged
-from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
+from companion.analysis.alignment import Rest, rests
 from companion.analysis.budget import Expected, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
+from companion.analysis.constant_faults import (
+    beside_best,
+    constant_fault_probability,
+    known_from,
+    level_is_unusual,
+    read_wrongly,
+)
 from companion.analysis.correction import NO_CORRECTION, Correction
-from companion.analysis.deviations import Sensitivity, sensitivity
+from companion.analysis.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
 from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding, turned_others
-from companion.analysis.findings.turned import righted_compasses
+from companion.analysis.findings.settings import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.persistent_errors import beside_best, known_from, level_is_unusual
 from companion.analysis.phases import aligned_at, flown, landed_at, phases
-from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
 from companion.estimation import (

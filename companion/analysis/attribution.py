@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.analysis.constant_faults import compass_fault_probability, scale_fault_probability
+from companion.analysis.constant_faults import ALL_THE_TIME, compass_fault_probability, scale_fault_probability
 from companion.analysis.fault_interval import (
     SENSORS,
     EstimatorDeviation,
@@ -30,7 +30,6 @@ from companion.analysis.fault_interval import (
     turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
-from companion.analysis.persistent_errors import ALL_THE_TIME
 from companion.constants import check, num, priors
 from companion.estimation import (
     BestEstimate,

@@ -20,9 +20,9 @@ import numpy as np
 
 from companion.analysis.budget import Budget, budget, nees, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Windows, windows
+from companion.analysis.constant_faults import Known, persistent_covariance
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.persistent_errors import Known, persistent_covariance
 from companion.analysis.reference import BoolArray
 from companion.constants import healthy, num
 from companion.estimation import chi_square

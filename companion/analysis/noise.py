@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.alignment import Rest, armed, rests
 from companion.analysis.imu_spec import ImuSpec, SensorSpec
 from companion.analysis.reference import BoolArray, Limits
-from companion.analysis.rest import Rest, armed, rests
 from companion.constants import check, healthy
 from companion.estimation import (
     AllanDeviation,

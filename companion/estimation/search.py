@@ -13,10 +13,9 @@ from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
-from companion.estimation.scan import Scan, scan
+from companion.estimation.scan import Scan, jumps, scan, score, velocity_impulses
 from companion.estimation.shapes import ENDING
 from companion.estimation.system import Solution
-from companion.estimation.weighing import jumps, score, velocity_impulses
 from companion.model import Array
 
 _AT_EVERY_KEYFRAME = {

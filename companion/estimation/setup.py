@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.clipping import lost_by_clipping
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.gaps import broken_intervals, lost_in_gaps
+from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
 from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
     NOMINAL,

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.logs.ulog_layout import Formats, TopicLayout, flat_names, placed
-from companion.logs.ulog_messages import Subscription
+from companion.logs.ulog_messages import Formats, Subscription, TopicLayout, flat_names, placed
 from companion.mavlink import Bytes, Index, as_bytes, gather
 
 HEADER_BYTES = 5  # of data: size, type and number

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SettingNames, Vehicle
-from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
+from companion.telemetry.samples import Ranges
 from companion.telemetry.sanitize import words
 
 # MAV_PARAM_TYPE: UINT8, INT8, UINT16, INT16, UINT32, INT32 (common.xml). A float rounds the largest up to a power of 2.

@@ -22,8 +22,7 @@ from companion.telemetry.clock import (
     steps_back,
 )
 from companion.telemetry.firmware import UNKNOWN, banner, release
-from companion.telemetry.outliers import BoolArray
-from companion.telemetry.samples import majority
+from companion.telemetry.samples import BoolArray, majority
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 

@@ -20,7 +20,7 @@ from companion.analysis.findings.readings import reading_findings
 from companion.app.sensors import load_imu_spec
 from companion.estimation import probabilities
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
-from companion.simulate.circuit import square
+from companion.simulate.true_flight import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.estimation.sensed import sensed
 from tests.flights import (

@@ -11,14 +11,13 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import KINDS, kind_of
 from companion.estimation.choice import Choice
 from companion.estimation.evidence import probabilities
-from companion.estimation.identifiability import Experiment, confusion_matrix
-from companion.estimation.injected import Fault, injected, noise
+from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear
+from companion.estimation.scan import score
 from companion.estimation.search import trials
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, solve
-from companion.estimation.weighing import score
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed
 

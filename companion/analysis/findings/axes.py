@@ -11,7 +11,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.parameters import board_orientation, mended
+from companion.analysis.findings.settings import board_orientation, mended
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading

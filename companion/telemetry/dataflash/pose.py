@@ -22,12 +22,11 @@ from companion.model import (
     from_euler,
     interpolated,
 )
+from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
-from companion.telemetry.outliers import BoolArray
 from companion.telemetry.parameters import NOT_EKF
-from companion.telemetry.samples import attitude_track, attitudes, place, position_track
-from companion.telemetry.validity import has_position
+from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
 
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3

@@ -22,9 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
-from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
-from companion.telemetry.samples import commonest, imu_track, increasing
+from companion.telemetry.samples import Ranges, commonest, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 
