@@ -49,7 +49,7 @@ class Agreement:
 
 
 def agreement(
-    told: Comparison,
+    corrected: Comparison,
     horizon: float,
     parts: Sequence[Phase],
     usual: ImuSpec,
@@ -57,8 +57,8 @@ def agreement(
     within: Sequence[tuple[float, float]],
 ) -> Agreement:
     """Of the windows of one length within spans (s) that are judged; told: with the IMU's known errors removed."""
-    chosen = while_judged(windows(told, horizon, within=within), told.track.t, parts)
-    expected = expected_over(told, chosen, usual, autopilot)
+    chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
+    expected = expected_over(corrected, chosen, usual, autopilot)
     return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
 
 

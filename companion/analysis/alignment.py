@@ -323,8 +323,8 @@ def _later(
     if not len(known) or known[-1] <= start or len(track) < 2:
         return (), notes
     last = int(known[-1])
-    wanted = track.t[start] + np.array(num.ALIGNED_LATER_S)
-    index = nearest(track.t, wanted[wanted < track.t[last]])
+    times = track.t[start] + np.array(num.ALIGNED_LATER_S)
+    index = nearest(track.t, times[times < track.t[last]])
     index = np.unique(np.append(index[comparison.reference.attitude_known[index]], last))
     index = index[index > start]
     begin = np.full(len(index), start)

@@ -102,8 +102,8 @@ def findings_of(
     may = tuple(e for e in all_intervals if e.side != "imu" or _in_use(e, best, in_use))
     causes = [_cause_among(d, may, best) for d in deviations]
     led_to = [[d for d, cause in zip(deviations, causes, strict=True) if cause is one] for one in all_intervals]
-    told = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
-    out = [finding for finding in told if finding is not None]
+    by_interval = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
+    out = [finding for finding in by_interval if finding is not None]
     own = [d for d, cause in zip(deviations, causes, strict=True) if cause is None]
     return out + [_own(d, best) for d in own]
 
@@ -130,29 +130,29 @@ def _of_interval(
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
             why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
     undecided = bool(why) and (harmed or severity != "error" or not from_start)
-    headline = said_of = said(interval, best)
+    headline = evidence = said(interval, best)
     misled: tuple[str, ...] = ()
     if severity == "error" and interval.side == "imu":
-        said_of = headline = f"{headline}{_which_imu(interval, best)}"
+        evidence = headline = f"{headline}{_which_imu(interval, best)}"
         if not _in_use(interval, best, in_use):
-            said_of += "; the autopilot flew on another IMU"
+            evidence += "; the autopilot flew on another IMU"
     if harmed:
         worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
         misled = tuple(str(d) for d in worst.values())
-        said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
+        evidence += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
     if why:
         side, severity, headline = "data", "warning", ""
-        said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
+        evidence = f"{'perhaps ' if would_tell else ''}{evidence}; {why}"
     elif no_fault and not harmed:
-        said_of += f" (no fault: {percent(likelihoods(interval)['nobody'])})"
+        evidence += f" (no fault: {percent(likelihoods(interval)['nobody'])})"
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
-        said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
+        evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or kind_of(interval.kind).advice
     return Finding(
-        interval.kind, side, severity, interval.start, end, said_of, advice, headline, cause, undecided=undecided
+        interval.kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
 
 

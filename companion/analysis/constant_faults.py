@@ -48,7 +48,7 @@ class Known:
 
     values: Array  # (28,)
     covariance: Array  # (28, 28)
-    told: BoolArray  # (28,) which of them are observable
+    observable: BoolArray  # (28,) which of them are observable
 
 
 def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
@@ -208,8 +208,8 @@ def read_wrongly(
     """
     if any(f.severity == "error" or f.kind == "axes_wrong" for f in faults):
         return ()
-    told = () if best is None else constant_errors(best, flight)
-    known = {(one.imu, one.sensor): one for one in told}
+    errors = () if best is None else constant_errors(best, flight)
+    known = {(one.imu, one.sensor): one for one in errors}
     still = {(one.imu, one.sensor): one for one in errors_at_rest(flight, gravity)}
     still = {key: one for key, one in still.items() if key not in known or one.sensor == "gyro"}
     return tuple((known | still).values())
@@ -286,8 +286,8 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
     if not imus:
         return ()
     out: list[ConstantError] = []
-    for sensor, told in (("gyro", gyro), ("accel", accel)):
-        out += _weighed(sensor, imus, [value for value, _ in told], [sigma for _, sigma in told], np.zeros(3))
+    for sensor, readings in (("gyro", gyro), ("accel", accel)):
+        out += _weighed(sensor, imus, [value for value, _ in readings], [sigma for _, sigma in readings], np.zeros(3))
     return tuple(out)
 
 

@@ -286,11 +286,11 @@ def _heading_off(
     sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
     doubted = sigma > check.WELL_KNOWN * healthy.AP_SIGMA["heading"]
-    told = np.sort([one.t for one in resets if one.kind == "heading"])
+    reset_times = np.sort([one.t for one in resets if one.kind == "heading"])
     turned = min((one.onset for one in best.explained if kind_of(one.kind).side == "compass"), default=np.inf)
-    at = np.searchsorted(best.t, told)
+    at = np.searchsorted(best.t, reset_times)
     further = np.abs(error[np.minimum(at + 1, len(error) - 1)]) > np.abs(error[np.maximum(at - 1, 0)])
-    part = np.searchsorted(told[~(further & (told > turned))], best.t)
+    part = np.searchsorted(reset_times[~(further & (reset_times > turned))], best.t)
     for one in np.unique(part[doubted & judged]):
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])

@@ -91,12 +91,12 @@ class Drift:
 
     def __repr__(self) -> str:
         """The medians, as a notebook shows them."""
-        told = []
+        lines = []
         for row in self.rows:
             statistics = ((row.attitude_deg, "°"), (row.velocity_mps, " m/s"), (row.position_m, " m"))
             medians = ", ".join(f"{s.median:.3g}{unit}" for s, unit in statistics if s is not None) or "no window"
-            told.append(f"{row.horizon_s:g} s: {medians}")
-        shown = [*told[:4], f"... {len(told)} horizons"] if len(told) > 5 else told
+            lines.append(f"{row.horizon_s:g} s: {medians}")
+        shown = [*lines[:4], f"... {len(lines)} horizons"] if len(lines) > 5 else lines
         return f"Drift of {self.imu} ({self.method}), median of the windows after " + ";\n  ".join(shown)
 
 

@@ -103,8 +103,8 @@ def replay(
     if reanchor_s is not None:
         turn = np.unique(np.floor((t - t[0]) / reanchor_s))  # not those in gaps, which may be of any length
         turn = np.unique(np.concatenate([turn - 1, turn, turn + 1]))
-        wanted = t[0] + reanchor_s * turn[(turn > 0) & (turn <= (t[-1] - t[0]) / reanchor_s)]
-        later = nearest(track.t, wanted)
+        times = t[0] + reanchor_s * turn[(turn > 0) & (turn <= (t[-1] - t[0]) / reanchor_s)]
+        later = nearest(track.t, times)
         delayed = np.searchsorted(usable, later)
         anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))
     starts = (a[anchors] for a in (reference.q_ned_frd, reference.velocity, reference.position))

@@ -199,11 +199,11 @@ def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Ver
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
     first = up[0]
     side = first.cause.side
-    told = headline_of(first.finding).replace(" to the end", " until now")
+    headline = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
     more = f", and {len(up) - 1} more" if len(up) > 1 else ""
     return replace(
-        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause
+        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {headline}{sure}{more}.", cause=first.cause
     )
 
 

@@ -101,8 +101,8 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
     if causes:
         first = _first(causes)
-        told = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
-        return Verdict("autopilot_suspect", told, findings, stated_cause(first))
+        summary = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
+        return Verdict("autopilot_suspect", summary, findings, stated_cause(first))
     doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 
@@ -141,9 +141,9 @@ def _decided(
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = stated_cause(first)
-        told = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
-        told += _all_the_same(judged, source)
-        return Verdict(status, told, findings, cause)
+        summary = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        summary += _all_the_same(judged, source)
+        return Verdict(status, summary, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
@@ -151,9 +151,9 @@ def _decided(
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
     how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
-    told = f"{fallen}{who} agree within the expected error ({how}{sure})."
-    told += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
-    return Verdict("consistent", told + _not_verified(best), findings)
+    summary = f"{fallen}{who} agree within the expected error ({how}{sure})."
+    summary += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
+    return Verdict("consistent", summary + _not_verified(best), findings)
 
 
 def _how_sure(cause: Cause) -> str:
@@ -193,8 +193,10 @@ def _stated_probabilities(probability: Mapping[str, float]) -> list[tuple[str, f
     if not probability:
         return []
     whose, share = max(probability.items(), key=lambda pair: pair[1])
-    told = "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
-    return [(told, share)]
+    summary = (
+        "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
+    )
+    return [(summary, share)]
 
 
 _NAMES = {"gps": "GPS", "imu": "IMU"}

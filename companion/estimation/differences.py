@@ -117,8 +117,8 @@ def score_of_own(
     others: Sequence[Differences], sensor: str, what: str, shape: str, onset: Array, end: Array
 ) -> tuple[Array, Array]:
     """What differences (one at least) tell of errors of the estimate's own IMU: b (T, 3), V (T, 3, 3)."""
-    told = [one.score(sensor, what, shape, onset, end) for one in others]
-    return np.asarray(-sum(b for b, _ in told)), np.asarray(sum(v for _, v in told))
+    scores = [one.score(sensor, what, shape, onset, end) for one in others]
+    return np.asarray(-sum(b for b, _ in scores)), np.asarray(sum(v for _, v in scores))
 
 
 def _difference(
@@ -188,8 +188,8 @@ def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
     weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
-    heard = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
-    for part in np.unique(heard):
-        total = weight[:, :, heard == part].sum(axis=2)
-        weight = weight - total[:, :, None] * total[:, None, :] / total[:, heard == part].sum(axis=1)[:, None, None]
+    stretch = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
+    for part in np.unique(stretch):
+        total = weight[:, :, stretch == part].sum(axis=2)
+        weight = weight - total[:, :, None] * total[:, None, :] / total[:, stretch == part].sum(axis=1)[:, None, None]
     return np.asarray(weight)

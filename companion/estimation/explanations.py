@@ -231,15 +231,15 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
         lasted = np.diff(problem.t)[:, None]
         q = problem.q_ned_frd
         if block == GYRO_BIAS:
-            felt = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
+            measured = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
         else:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
-            felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
+            measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
         lively = (
-            np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+            np.sqrt((measured**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
         )  # else it is the noise that is scaled
-        out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
+        out[:, :9] = problem.motion.transition[:, :9, block] * (measured * lively)[:, None, :]
         return Signature(out, {})
 
     return signature

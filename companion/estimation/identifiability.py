@@ -216,17 +216,17 @@ def confusion_matrix(
 def _identifiable(experiment: Experiment, fault: int, near: Judgement) -> float | None:
     """The size from which on a fault is told from its rivals; near: what it is called where it is detectable."""
     least = experiment.faults[fault].size
-    if near.told >= num.IDENTIFIABLE_SHARE[0]:
+    if near.accused >= num.IDENTIFIABLE_SHARE[0]:
         return least
     cells = [one.at(some) for one, some in zip(experiment.cells, near.counts, strict=True) if some.any()]
-    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).told < num.IDENTIFIABLE_SHARE[0]:
+    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).accused < num.IDENTIFIABLE_SHARE[0]:
         return None
     low, high = 0.0, float(np.log(num.IDENTIFIABLE_MOST))
     for _ in range(num.IDENTIFIABLE_HALVINGS):
         middle = 0.5 * (low + high)
-        told = experiment.judged(fault, least * np.exp(middle), cells).told
-        low, high = (low, middle) if told >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
-        if num.IDENTIFIABLE_SHARE[0] <= told <= num.IDENTIFIABLE_SHARE[1]:
+        accused = experiment.judged(fault, least * np.exp(middle), cells).accused
+        low, high = (low, middle) if accused >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
+        if num.IDENTIFIABLE_SHARE[0] <= accused <= num.IDENTIFIABLE_SHARE[1]:
             break
     return float(least * np.exp(high))
 
@@ -236,7 +236,7 @@ class Judgement:
     """What data sets are called."""
 
     called: Mapping[str, float]  # kind, "cannot tell", "nobody" → share
-    told: float  # share in which the side of the fault is accused
+    accused: float  # share in which the side of the fault is accused
     counts: Sequence[npt.NDArray[np.bool_]]  # of every hypothesis (T,): the times that count in any data set
 
 
@@ -262,8 +262,10 @@ class Experiment:
         kinds: Sequence[Kind] = KINDS,
     ) -> Experiment:
         """The same of a linear problem, its solution and its prior."""
-        heard = tuple(replace(one, t=problem.t[one.keyframe]) for one in problem.measurements)  # as the scan has them
-        problem = replace(problem, measurements=heard)
+        measurements = tuple(
+            replace(one, t=problem.t[one.keyframe]) for one in problem.measurements
+        )  # as the scan has them
+        problem = replace(problem, measurements=measurements)
         faults, not_shown = injected(problem, solution, kinds)
         together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
         chunks, moved = [], list[Array]()

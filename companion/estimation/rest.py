@@ -64,9 +64,11 @@ def _drifting(
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
     ends = np.clip(np.searchsorted(when, t[edges - [0, 1]]), 0, len(when) - 1)
-    told, seen = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
-    far = np.linalg.norm(told, axis=1)
-    drifts = (far > healthy.REST_DRIFT_M) & (np.linalg.norm(seen - told, axis=1) < healthy.REST_DRIFT_CONFIRMED * far)
+    by_velocity, by_position = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
+    far = np.linalg.norm(by_velocity, axis=1)
+    drifts = (far > healthy.REST_DRIFT_M) & (
+        np.linalg.norm(by_position - by_velocity, axis=1) < healthy.REST_DRIFT_CONFIRMED * far
+    )
     out = np.zeros(len(t), np.bool_)
     for first, last in edges[drifts].tolist():
         out[first:last] = True

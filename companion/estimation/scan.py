@@ -115,10 +115,12 @@ def score(
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
-    return _told(solution, factors, kind, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t)))
+    return _gradient_and_information(
+        solution, factors, kind, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t))
+    )
 
 
-def _told(
+def _gradient_and_information(
     solution: Solution, factors: Sequence[Factors], kind: Kind, shape: str, onset: Array, end: Array, together: int
 ) -> tuple[Array, Array]:
     """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s.
@@ -130,7 +132,7 @@ def _told(
     tries, pieces = len(onset), len(moments) - 1
     if pieces > together and tries > 1:
         halves = (
-            _told(solution, factors, kind, shape, onset[part], end[part], together)
+            _gradient_and_information(solution, factors, kind, shape, onset[part], end[part], together)
             for part in (slice(tries // 2), slice(tries // 2, None))
         )
         b, v = (np.concatenate(one) for one in zip(*halves, strict=True))
@@ -162,18 +164,18 @@ class Scan:
 
     problem: Problem
     cuts: Array  # (S,) s, where stretches begin
-    said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
+    columns: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
 
     def score(self, kind: str, shape: str, onset: Index, end: Index | None = None) -> tuple[Array, Array] | None:
         """Gradient b (T, m) and information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
 
         Of D data sets b is (T, m, D). None where the flight has nothing that it would change.
         """
-        if kind not in self.said or not len(onset):
+        if kind not in self.columns or not len(onset):
             return None
         row = kind_of(kind)
         end = np.full(len(onset), len(self.cuts)) if end is None else end
-        b, v = self.said[kind]
+        b, v = self.columns[kind]
         groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.integrated[:1])]
         share = np.concatenate([one[:, :, : row.basis_order] for one in groups], axis=2).reshape(len(onset), -1)
         m = b.shape[2]
@@ -196,17 +198,17 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
     signatures = [(kind, whole) for kind in KINDS if (whole := kind.of(problem)) is not None]
-    said: dict[str, tuple[Array, Array]] = {}
+    columns: dict[str, tuple[Array, Array]] = {}
     together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):
-        said |= _said(problem, solution, cuts, length, dict(signatures[first : first + together]))
-    return Scan(problem, cuts, said)
+        columns |= _columns_of(problem, solution, cuts, length, dict(signatures[first : first + together]))
+    return Scan(problem, cuts, columns)
 
 
-def _said(
+def _columns_of(
     problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Kind, Signature]
 ) -> dict[str, tuple[Array, Array]]:
-    """What the columns of some kinds say; cuts (S,) s, the beginnings of stretches of so many keyframes."""
+    """The columns of some kinds; cuts (S,) s, the beginnings of stretches of so many keyframes."""
     columns = {kind: (1 + bool(kind.integrated)) * kind.basis_order for kind in signatures}
     stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
     places, at = {}, 0
@@ -221,7 +223,7 @@ def _said(
     beside = stack.beside_constants(solution)
     inside, at_cuts, inverse = _eliminated(solution, stack, places.values())
     known = solution.constants_covariance
-    said = {}
+    out = {}
     for (kind, place), taken in zip(places.items(), inside, strict=True):
         r, own = at_cuts[:, :, place], beside[:, :, place]
         v = -(r.swapaxes(-1, -2)[:, None] @ (inverse @ r[None]))  # (S, S, p, p)
@@ -231,8 +233,8 @@ def _said(
         shape = (len(cuts), columns[kind], -1)
         m = signatures[kind].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
-        said[kind.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
-    return said
+        out[kind.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

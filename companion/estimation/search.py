@@ -166,8 +166,8 @@ def _scored(
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
     if kind.side == "imu" and problem.others:
-        told, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
-        b, v = b + told, v + information
+        gradient, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
+        b, v = b + gradient, v + information
     return Cells(kind, shape, *times, b, v)
 
 

@@ -125,8 +125,8 @@ def aiding_readings(truth: Motion, seed: int) -> AidingReadings:
     fixed = np.arange(t[0], t[-1] + 1e-9, FIX_PERIOD_S)
     horizontal, vertical, speed = GPS_SIGMA
     place, velocity = (interpolated(fixed - FIX_LATENCY_S, t, of) for of in (truth.position, truth.velocity))
-    felt = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), EARTH_FIELD)
-    first, second = felt + _COMPASS_SIGMA * rng.standard_normal((2, len(t), 3))
+    field = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), EARTH_FIELD)
+    first, second = field + _COMPASS_SIGMA * rng.standard_normal((2, len(t), 3))
     return AidingReadings(
         fixed=fixed,
         place=place + [horizontal, horizontal, vertical] * rng.standard_normal(place.shape),

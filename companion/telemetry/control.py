@@ -38,18 +38,18 @@ def message_truth(
     name = next((name for name in TRUTH_MESSAGES if name in messages), None)
     if name is None:
         return None
-    told = messages[name]
-    velocity, place = (np.full((len(told), 3), np.nan) for _ in range(2))
+    truth = messages[name]
+    velocity, place = (np.full((len(truth), 3), np.nan) for _ in range(2))
     for values, fields in zip((velocity, place), TRUTH_MESSAGES[name], strict=True):
         for i, field in enumerate(fields.split()):
-            values[:, i] = told[field] * SI[told.layout.units[field]]
+            values[:, i] = truth[field] * SI[truth.layout.units[field]]
     if name == "SIM_STATE" and not place[:, 0].any():
         place[:] = np.nan
     if name == "HIL_STATE_QUATERNION":
-        q = told["attitude_quaternion"].astype(np.float64)
+        q = truth["attitude_quaternion"].astype(np.float64)
     else:
-        q = from_euler(told["roll"], told["pitch"], told["yaw"])
-    return truth_track(name, told.t, q, velocity, place, origin, track)
+        q = from_euler(truth["roll"], truth["pitch"], truth["yaw"])
+    return truth_track(name, truth.t, q, velocity, place, origin, track)
 
 
 def truth_track(
@@ -90,16 +90,16 @@ def control_track(messages: Mapping[str, Messages], attitude: AttitudeTrack | No
     if "ATTITUDE_TARGET" in messages:
         target = messages["ATTITUDE_TARGET"]
         q = target["q"].astype(np.float64)
-        told = (target["type_mask"] & _NO_ATTITUDE) == 0
+        valid = (target["type_mask"] & _NO_ATTITUDE) == 0
     elif "NAV_CONTROLLER_OUTPUT" in messages and attitude is not None:
         target = messages["NAV_CONTROLLER_OUTPUT"]
         w, x, y, z = (np.interp(target.t, attitude.t, part) for part in attitude.q_ned_frd.T)
         heading = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
         q = from_euler(np.radians(target["nav_roll"]), np.radians(target["nav_pitch"]), heading)
-        told = (target.t >= attitude.t[0]) & (target.t <= attitude.t[-1])
+        valid = (target.t >= attitude.t[0]) & (target.t <= attitude.t[-1])
     else:
         return None
-    return control_of(target.name, target.t, q, told)
+    return control_of(target.name, target.t, q, valid)
 
 
 def control_of(source: str, t: Array, q: Array, good: BoolArray | bool = True) -> ControlTrack | None:
@@ -133,8 +133,8 @@ def side_by_side(banks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
         shown = pulses[np.maximum(row, 0)] if len(when) else np.full((len(t), pulses.shape[1]), np.nan)
         known = (row >= 0) & (t - when[row] < _STALE_S) if len(when) else np.zeros(len(t), np.bool_)
         columns.append(np.where(known[:, None], shown, np.nan))
-    told = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
-    return t, np.hstack(columns[: told + 1])
+    last = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
+    return t, np.hstack(columns[: last + 1])
 
 
 def actuators_of(source: str, t: Array, pulses: Array, parameters: Mapping[str, float]) -> ActuatorTrack | None:

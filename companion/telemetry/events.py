@@ -260,7 +260,7 @@ def status_texts(messages: Messages) -> tuple[StatusText, ...]:
 
     A chunk whose predecessor was lost is a text of its own.
     """
-    said: list[StatusText] = []
+    joined: list[StatusText] = []
     expected = (0, 0)  # id and chunk_seq of what would go on with the last text
     columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
     decoded: dict[bytes, str] = {}  # the same are said over and over
@@ -269,11 +269,11 @@ def status_texts(messages: Messages) -> tuple[StatusText, ...]:
         if text is None:
             text = decoded[raw] = words(raw)
         if chunk_id and (chunk_id, chunk) == expected:
-            said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
+            joined[-1] = StatusText(joined[-1].t, joined[-1].severity, joined[-1].text + text)
         else:
-            said.append(StatusText(at, severity, text))
+            joined.append(StatusText(at, severity, text))
         expected = (chunk_id, chunk + 1)
-    return tuple(said)
+    return tuple(joined)
 
 
 def in_order(events: Iterable[Event]) -> tuple[Event, ...]:

@@ -33,7 +33,7 @@ _STATE_MESSAGES = {
 }  # fmt: skip
 _VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 
-_TOLD_STEPS = 3  # of the clock, in a note each
+_REPORTED_STEPS = 3  # of the clock, in a note each
 
 _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION"}
 
@@ -186,11 +186,11 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
     notes = [
         f"the device clock was set back from {clock.t[i - 1]:.2f} s to {clock.t[i]:.2f} s without a reboot: "
         "what it had said of that time before is left out"
-        for i in back[:_TOLD_STEPS]
+        for i in back[:_REPORTED_STEPS]
     ]
-    if len(back) > _TOLD_STEPS:
+    if len(back) > _REPORTED_STEPS:
         notes.append(
-            f"the device clock was set back {counted(len(back) - _TOLD_STEPS, 'time')} more: the same is done there"
+            f"the device clock was set back {counted(len(back) - _REPORTED_STEPS, 'time')} more: the same is done there"
         )
     return sender, clock[stays(clock.offset, clock.t)], notes
 

@@ -521,7 +521,7 @@ def test_the_calibration_of_the_first_half_holds_in_the_second() -> None:
     off = np.array([0.008, -0.011, 0.009])
     found = assess(with_imu(flight, gyro=imu.gyro + off), GENERIC)
     assert found.calibration
-    assert found.calibration.told_by_best("gyro_bias")
+    assert found.calibration.observed_by_best("gyro_bias")
     np.testing.assert_allclose(found.calibration.values[:3], off, atol=1e-3)
     assert found.uncorrected
     assert found.corrected

@@ -106,7 +106,7 @@ def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(li
         if row.identifiable is None:
             continue
         assert row.identifiable >= row.detectable >= kind_of(row.kind).harmful(row.shape)
-        told = fresh.judged(i, row.identifiable).told
+        told = fresh.judged(i, row.identifiable).accused
         assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
 
 
@@ -137,5 +137,5 @@ def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experim
     anew = solve(len(problem.t), moved.motion, read, believed)
     searched = probabilities([Choice.of_trial(one).rival for one in trials(moved, anew)])
     mine = Experiment.of(problem, linear.solution, prior, 1, seed=9)
-    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).told
+    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).accused
     assert (searched["imu"] >= ACCUSED) == bool(told)

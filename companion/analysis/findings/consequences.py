@@ -22,7 +22,7 @@ from companion.model import Flight, ImuTrack, Phase, Series
 
 
 def when_lost(
-    told: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], figures: ImuSpec
+    all_findings: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], figures: ImuSpec
 ) -> tuple[Finding, ...]:
     """The findings of a flight, with what tells that control was lost and without what came of that.
 
@@ -31,21 +31,23 @@ def when_lost(
     and goes on after it is a fault.
     Evidence in the last second of a log is worth nothing.
     """
-    lost, out = [part for part in parts if part.kind == "impact"], unjudged(parts)
+    lost, uncontrolled = [part for part in parts if part.kind == "impact"], unjudged(parts)
     end = flight.start + flight.duration if track is None else float(track.t[-1])
     kept = [
-        f for f in told if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in out)
+        f
+        for f in all_findings
+        if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
     ]
     kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
-    said: list[Finding] = []
+    out: list[Finding] = []
     for part in lost:
         clipping: Iterable[Finding] = ()
         if track is not None:
             falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
             clipping = reading_findings(falling, flight.require_attitude(), figures) if len(falling) > 1 else ()
         tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
-        said += [_control_lost(flight, part, tumbling), *(_as_consequence(f) for f in tumbling)]
-    return by_severity((*said, *kept))
+        out += [_control_lost(flight, part, tumbling), *(_as_consequence(f) for f in tumbling)]
+    return by_severity((*out, *kept))
 
 
 def _control_lost(flight: Flight, part: Phase, tumbling: Sequence[Finding]) -> Finding:
@@ -119,8 +121,8 @@ def _follows(finding: Finding, others: Sequence[Finding]) -> bool:
 
     A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
     """
-    told_itself = finding.kind in _CAUSES or finding.side == "data"
-    return not told_itself and is_led_to(finding.start_s, finding.end_s, others)
+    own_cause = finding.kind in _CAUSES or finding.side == "data"
+    return not own_cause and is_led_to(finding.start_s, finding.end_s, others)
 
 
 def is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
@@ -152,11 +154,11 @@ def with_reports(finding: Finding, flight: Flight) -> Finding:
     if finding.side != "autopilot" and not of_compass:
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
-    said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
-    said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
+    texts = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
+    texts += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
     during = [
         (t, text)
-        for t, text in said
+        for t, text in texts
         if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
     ]
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))

@@ -119,12 +119,12 @@ def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Fin
     flight, all_findings = screened_aiding(flight, None)
     tracks = [track.t for track in (flight.attitude, flight.position) if track is not None and len(track) > 1]
     if tracks:
-        heard = max(tracks, key=len)
-        all_findings += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
+        received = max(tracks, key=len)
+        all_findings += outage_findings(flight, received, np.diff(received) > limits.longest_step(received))
     all_findings += [*receiver_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
-    told = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
+    judged = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
     landed = landed_at(parts) - check.HEARTBEAT_S
-    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in told]
+    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in judged]
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
@@ -136,15 +136,15 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     parts = phases(flight)
     aligned = aligned_at(parts)
     lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
-    told = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
+    reported = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
             continue
         others = [other for other in flight.imus.values() if other.instance != track.instance]
         stuck = stuck_findings(compare(flight, track=track, how=comparison.how), others, ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
-        mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
-        told |= {(track.instance, _sensor(f)) for f in mine}
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
+        reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
 
 

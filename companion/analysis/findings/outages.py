@@ -41,8 +41,8 @@ def reset_findings(flight: Flight) -> Iterator[Finding]:
     settled = _aligned(flight)
     for one in flight.resets:
         if one.t >= settled:
-            said = f"the estimator says: {one.text}" if one.text else f"the estimator has set its {one.kind} anew"
-            yield Finding("estimator_reset", "autopilot", "info", one.t, one.t, said, "")
+            words = f"the estimator says: {one.text}" if one.text else f"the estimator has set its {one.kind} anew"
+            yield Finding("estimator_reset", "autopilot", "info", one.t, one.t, words, "")
 
 
 def _aligned(flight: Flight) -> float:
@@ -141,7 +141,7 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
 Span = tuple[float, float]  # s, boot clock
 
 
-def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[Finding]:
+def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterator[Finding]:
     """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
 
     Only what had been there before is lost, and only while the rest is in the log: a gap of the link says nothing.
@@ -149,11 +149,11 @@ def outage_findings(flight: Flight, heard: Array, gaps: BoolArray) -> Iterator[F
     A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
     """
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
-    without_fix = _gaps(flight, heard, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
+    without_fix = _gaps(flight, received, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
     position = flight.position
     if position is None:
         yield from _never_valid(flight)
-    lost = [] if position is None else _gaps(flight, heard, gaps, position.t)
+    lost = [] if position is None else _gaps(flight, received, gaps, position.t)
     for begin, end in lost:
         meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
         without_fix = [span for span in without_fix if span != meanwhile]
@@ -171,8 +171,8 @@ def _never_valid(flight: Flight) -> Iterator[Finding]:
     if estimator is None or "flags" not in estimator.columns or not aloft:
         return
     flags, begin, end = estimator["flags"], aloft[0].start, aloft[-1].end
-    told = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
-    if len(told) and not (told & check.POSITION_VALID).any():
+    flags_in_flight = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
+    if len(flags_in_flight) and not (flags_in_flight & check.POSITION_VALID).any():
         words = f"no valid position in flight, by the estimator's own flags ({estimator.source}): it is not judged"
         yield Finding("position_lost", "data", "info", begin, end, words, "")
 
@@ -299,17 +299,17 @@ def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
     )
 
 
-def _gaps(flight: Flight, heard: Array, gaps: BoolArray, t: Array) -> list[Span]:
+def _gaps(flight: Flight, received: Array, gaps: BoolArray, t: Array) -> list[Span]:
     """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the rest is."""
     if not len(t):
         return []
-    end = min(flight.start + flight.duration, float(heard[-1]))
+    end = min(flight.start + flight.duration, float(received[-1]))
     begins, ends = t, np.append(t[1:], max(end, t[-1]))
     out = []
     for begin, stop in np.column_stack([begins, ends])[ends - begins > harm.GPS_OUTAGE_S].tolist():
         for part in phases(flight):
             first, last = max(begin, part.start), min(stop, part.end)
-            if part.kind == "flight" and last - first - _unheard(heard, gaps, first, last) > harm.GPS_OUTAGE_S:
+            if part.kind == "flight" and last - first - _not_received(received, gaps, first, last) > harm.GPS_OUTAGE_S:
                 out.append((first, last))
     return out
 
@@ -318,8 +318,8 @@ def _overlap(one: Span, other: Span) -> float:
     return min(one[1], other[1]) - max(one[0], other[0])
 
 
-def _unheard(heard: Array, gaps: BoolArray, start: float, end: float) -> float:
+def _not_received(received: Array, gaps: BoolArray, start: float, end: float) -> float:
     """For how long (s) the rest is missing too."""
     before = np.flatnonzero(gaps)
-    missing = np.minimum(heard[before + 1], end) - np.maximum(heard[before], start)
+    missing = np.minimum(received[before + 1], end) - np.maximum(received[before], start)
     return float(missing[missing > 0].sum())

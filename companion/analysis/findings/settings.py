@@ -94,9 +94,9 @@ def setting_findings(flight: Flight, best: BestEstimate, limits: Limits) -> Iter
     """Those of a flight; its IMU has to fit the other sensors, which tell nothing else."""
     if best.contradicted:
         return
-    for told in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
-        if told is not None:
-            kind, evidence, advice = told
+    for setting in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
+        if setting is not None:
+            kind, evidence, advice = setting
             yield Finding(kind, "data", "warning", float(best.t[0]), float(best.t[-1]), evidence, advice)
 
 
@@ -171,7 +171,7 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
 def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
     setting = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
-    measured = _told(best, "gps_latency")
+    measured = _well_observed(best, "gps_latency")
     if setting is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
         return None
     name, value = setting
@@ -195,7 +195,7 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
 
 def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """An antenna that sits elsewhere than is set."""
-    measured = _told(best, "lever_arm")
+    measured = _well_observed(best, "lever_arm")
     names = next((one for one in _ANTENNA if f"{one[0]}_X" in flight.parameters), None)
     if measured is None or names is None:
         return None
@@ -215,12 +215,12 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
 _ANTENNA = (("GPS1_POS", "INS_POS1"), ("GPS_POS1", "INS_POS1"), ("EKF2_GPS_POS", "EKF2_IMU_POS"))
 
 
-def _told(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
+def _well_observed(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
     """A constant of the flight and its 1σ, where the flight tells far more of it than was believed before."""
     place, believed = CONSTANTS[name]
     sigma = best.constants_sigma[place]
-    told = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
-    return (best.states.constant(name), sigma) if told else None
+    observed = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
+    return (best.states.constant(name), sigma) if observed else None
 
 
 def _changes(best: BestEstimate, kind: str) -> bool:
@@ -245,23 +245,23 @@ def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
     board = board_orientation(flight)
     compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
     what = "" if sure else " and the IMU are turned against each other"
-    how = (
+    words = (
         f"the compass ({one.source}){what or ' is turned'} by {orientation_name(one.orientation)} since the start of "
         f"the log: so turned, its readings are {np.degrees(one.left):.0f}° off the Earth's field, as they are "
         f"{np.degrees(one.off):.0f}°"
     )
     begin, end = float(best.t[0]), float(best.t[-1])
     if not sure:
-        told = f"{how}; which of them sits so, or is set so, cannot be told"
+        evidence = f"{words}; which of them sits so, or is set so, cannot be told"
         turned_board = mended(flight, board, quaternion.conjugate(turn))
         advice = f"Set {compass} if the compass is mounted so, or {turned_board} if the board is."
-        return Finding("compass_orientation", "data", "warning", begin, end, told, advice, undecided=True)
+        return Finding("compass_orientation", "data", "warning", begin, end, evidence, advice, undecided=True)
     size = float(2.0 * np.arccos(min(abs(turn[0]), 1.0)))
     cause = Cause("compass_orientation", "data", begin, sensor="compass", size=size, unit="rad")
     advice = f"Set {compass}, and calibrate the compass again."
     if internal:
         advice = f"It is set to be internal, turned with {board}: if it is external, say so and set {compass}."
-    return Finding("compass_orientation", "data", "warning", begin, end, how, advice, how, cause)
+    return Finding("compass_orientation", "data", "warning", begin, end, words, advice, words, cause)
 
 
 def _imu_is_right(flight: Flight, best: BestEstimate, turn: Array) -> bool:
@@ -289,12 +289,12 @@ def misled_by_turned(findings: Sequence[Finding]) -> list[Finding]:
     if turned is None or not led:
         return list(findings)
     words = led[0].headline or led[0].evidence
-    said = f"{turned.evidence}; the autopilot was misled by it: {words}"
+    evidence = f"{turned.evidence}; the autopilot was misled by it: {words}"
     if turned.undecided:
         instead = {id(f): replace(f, side="data", severity="warning", undecided=True) for f in led}
-        instead[id(turned)] = replace(turned, evidence=said)
+        instead[id(turned)] = replace(turned, evidence=evidence)
     else:
         consequences = tuple(f.headline or f.evidence for f in led)
         cause = None if turned.cause is None else replace(turned.cause, side="autopilot", consequences=consequences)
-        instead = {id(turned): replace(turned, side="autopilot", severity="error", evidence=said, cause=cause)}
+        instead = {id(turned): replace(turned, side="autopilot", severity="error", evidence=evidence, cause=cause)}
     return [instead.get(id(f), f) for f in findings]

@@ -100,17 +100,17 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
     name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
     start, end = float(sensor.t[first]), float(sensor.t[last])
     reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
-    said = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
+    evidence = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
     if whole:
         other = "accel" if name == "gyro" else "gyro"
-        said = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
+        evidence = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
     return Finding(
         "stuck_axis",
         "imu",
         "error",
         start,
         end,
-        said,
+        evidence,
         f"The sensor or its driver has {'stopped' if whole else 'lost an axis'}: do not fly on it. "
         "Look at its wiring and driver.",
         cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),

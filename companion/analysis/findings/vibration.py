@@ -106,15 +106,15 @@ def _factor(level: Array, first: int, last: int) -> float:
 
 def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuTrack]) -> bool:
     """Whether another IMU tells of that time, and the same axis of none is noisier then."""
-    told = False
+    recorded = False
     for other in others:
         start, level = _levels(other, name)
         if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS or start[0] > begin or start[-1] < end:
             continue
-        told = True
+        recorded = True
         if any(start[i] < end and start[j + 1] > begin for i, j in _noisier(level, axis)):
             return False
-    return told
+    return recorded
 
 
 def _finding(name: str, axis: int, begin: float, end: float, factor: float, alone: bool) -> Finding:
@@ -158,14 +158,14 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
     The vehicle's own VIBRATION or VIBE is from the IMU at its full rate. Without it, the samples say the least that it
     can be.
     """
-    said = False
+    reported = False
     for series in of_kind(flight.series, "vibration"):
         if "x_mps2" in series.columns and len(series):
-            said = True
+            reported = True
             yield from _level(series.t, series.values[:, :3], series.source, harm.VIBRATION_HIGH)
         yield from _clips(series)
     level = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
-    if not said and level is not None:
+    if not reported and level is not None:
         yield from _level(
             level.t, level.accel, f"what the samples of {comparison.track.source} show of it", harm.VIBRATION_SAMPLED
         )

@@ -194,14 +194,14 @@ class Judge:
             self._aloft_s = -math.inf
         if kind == "flight":
             self._aloft_s = end
-        self._tells |= any(event.text in _TOLD for event in flight.events)
+        self._tells |= any(event.text in _REPORTS for event in flight.events)
         came_down = any((e.kind == "disarmed" or e.text == "landed") and e.t > self._aloft_s for e in flight.events)
         if came_down or (kind == "landed" and not self._tells):
             self._aloft_s = -math.inf
         return math.isfinite(self._aloft_s)
 
 
-_TOLD = ("took off", "in the air", "landed")
+_REPORTS = ("took off", "in the air", "landed")
 _WHERE = {"standing": "on the ground", "landed": "after landing"}
 
 

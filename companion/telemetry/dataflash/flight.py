@@ -128,7 +128,7 @@ def _pulses(one: Records | None, count: int) -> Array:
 
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
-_MOST_TOLD = 8  # kinds of record, where no flight is made of them
+_MOST_LISTED = 8  # kinds of record, where no flight is made of them
 
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     **imu.NUMBERS,
@@ -192,7 +192,7 @@ def dataflash_flight(
 def why_no_flight(messages: Mapping[str, Records]) -> str:
     """Why a .bin of which there is no flight has none."""
     counts = {name: len(one) for name, one in messages.items()}
-    most = sorted(counts, key=lambda name: -counts[name])[:_MOST_TOLD]
+    most = sorted(counts, key=lambda name: -counts[name])[:_MOST_LISTED]
     has = f"it has {', '.join(f'{name} ({counts[name]:,})' for name in most)}" if most else "it has no record"
     imu = "" if "IMU" in counts else "it has no IMU (LOG_BITMASK), and "
     return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"

@@ -122,20 +122,20 @@ def origin(records: Mapping[str, Records]) -> Origin | None:
     for name in ("POS", "GPS"):
         if (one := records.get(name)) is not None and len(fixed := np.flatnonzero(_is_place(one))):
             return _place(one, int(fixed[0]), float(one.t[fixed[0]]))
-    return _told(records, None, 0)
+    return _named_place(records, None, 0)
 
 
 def ekf_origin(records: Mapping[str, Records]) -> Origin | None:
     """Where the estimate's position is zero."""
-    return _told(records, _EKF_ORIGIN, -1)
+    return _named_place(records, _EKF_ORIGIN, -1)
 
 
 def home(records: Mapping[str, Records]) -> Origin | None:
     """The last home that ORGN names: it is set again where the vehicle arms."""
-    return _told(records, _HOME, -1)
+    return _named_place(records, _HOME, -1)
 
 
-def _told(records: Mapping[str, Records], kind: int | None, which: int) -> Origin | None:
+def _named_place(records: Mapping[str, Records], kind: int | None, which: int) -> Origin | None:
     """One of the places that ORGN names, of a kind where it tells it."""
     if (one := records.get("ORGN")) is None:
         return None

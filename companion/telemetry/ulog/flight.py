@@ -127,10 +127,10 @@ def _vehicle(
 
 def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
     """The last value of each, and the changes while the log ran. What is left out is added to the notes."""
-    said = [(-np.inf, name, value) for name, value in log.parameters.items()]
-    said += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
-    numbers = [(t, words(name), float(value)) for t, name, value in said if isinstance(value, int | float)]
-    if left_out := len(said) - len(numbers):
+    set_values = [(-np.inf, name, value) for name, value in log.parameters.items()]
+    set_values += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
+    numbers = [(t, words(name), float(value)) for t, name, value in set_values if isinstance(value, int | float)]
+    if left_out := len(set_values) - len(numbers):
         notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
     values = possible([name for _, name, _ in numbers], np.array([value for *_, value in numbers]), notes).tolist()
     known = [(t, name, value) for (t, name, _), value in zip(numbers, values, strict=True) if np.isfinite(value)]

@@ -41,10 +41,10 @@ def control_track(topics: Topics) -> ControlTrack | None:
     topic = topics["vehicle_attitude_setpoint"]
     t, q = topic.seconds(), topic.array("q_d", range(4))
     angles = topic.columns("roll_body", "pitch_body", "yaw_body")
-    told = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & topic.flag("q_d_valid")
-    by_angles = np.logical_and(~told, finite(angles))
+    valid = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & topic.flag("q_d_valid")
+    by_angles = np.logical_and(~valid, finite(angles))
     q[by_angles] = from_euler(*angles[by_angles].T)
-    return control_of("vehicle_attitude_setpoint", t, q, np.logical_or(told, by_angles))
+    return control_of("vehicle_attitude_setpoint", t, q, np.logical_or(valid, by_angles))
 
 
 def actuator_track(topics: Topics) -> ActuatorTrack | None:
