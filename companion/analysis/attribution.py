@@ -18,6 +18,7 @@ from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
     cause_of,
+    described,
     is_sized,
     likelihoods,
     own_odds,
@@ -26,7 +27,6 @@ from companion.analysis.fault_interval import (
     probability_by_side,
     reported_size,
     rival,
-    said,
     turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
@@ -130,7 +130,7 @@ def _of_interval(
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
             why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
     undecided = bool(why) and (harmed or severity != "error" or not from_start)
-    headline = evidence = said(interval, best)
+    headline = evidence = described(interval, best)
     misled: tuple[str, ...] = ()
     if severity == "error" and interval.side == "imu":
         evidence = headline = f"{headline}{_which_imu(interval, best)}"

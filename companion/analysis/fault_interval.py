@@ -232,7 +232,7 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
     )
 
 
-def said(interval: FaultInterval, best: BestEstimate) -> str:
+def described(interval: FaultInterval, best: BestEstimate) -> str:
     """The interval in words, with its time."""
     until = "to the end" if not np.isfinite(interval.end) else f"to {interval.end:.1f} s"
     what = f"{words(interval.kind)} of a size that cannot be told"

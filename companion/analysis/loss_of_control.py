@@ -80,7 +80,10 @@ def down_in_body(q: Array) -> Array:
 
 def _reported_crashes(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Iterator[Phase]:
     """Crashes by the vehicle's own words. calm: in control, s."""
-    words = [*((said.t, said.text) for said in flight.texts), *((event.t, event.text) for event in flight.events)]
+    words = [
+        *((text_at.t, text_at.text) for text_at in flight.texts),
+        *((event.t, event.text) for event in flight.events),
+    ]
     for t, text in words:
         if _CRASHED.search(text) and any(begin <= t <= end + check.CRASH_REPORTED_S for begin, end in airborne):
             yield Phase(t, _armed_again(flight, calm, t), "impact", text)

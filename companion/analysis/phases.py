@@ -175,10 +175,10 @@ def _rest(rates: Array) -> Array:
 def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
     """When the estimator knew where it is and how it lies, and what tells; the flight's begin where it always did."""
     best, why = flight.start, ""
-    texts = [said for said in flight.texts if said.t < takeoff and _STARTING.match(said.text)]
+    texts = [one for one in flight.texts if one.t < takeoff and _STARTING.match(one.text)]
     if texts:
         best, why = texts[-1].t, texts[-1].text
-        if not any("using GPS" in said.text for said in texts) and any(_RECEIVER.match(t.text) for t in flight.texts):
+        if not any("using GPS" in one.text for one in texts) and any(_RECEIVER.match(t.text) for t in flight.texts):
             best, why = takeoff, "the estimator does not use the GPS yet"
     estimator = flight.series.get("estimator")
     if estimator is not None and "flags" in estimator.columns:

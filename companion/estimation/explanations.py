@@ -129,7 +129,7 @@ class Problem:
         """The measurements of an aiding sensor."""
         return next((one for one in self.measurements if one.name == name), None)
 
-    def told_often(self, name: str) -> Measurement | None:
+    def well_observed(self, name: str) -> Measurement | None:
         """The same of an aiding sensor that was heard often enough to show a change; None otherwise."""
         one = self.measurement(name)
         return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
@@ -260,7 +260,7 @@ def _shift(*names: str) -> Callable[[Problem], Signature | None]:
     """Measurements that are off by u, all their components."""
 
     def signature(problem: Problem) -> Signature | None:
-        one = problem.told_often(names[0])
+        one = problem.well_observed(names[0])
         if one is None:
             return None
         return Signature(None, {one.name: np.tile(np.eye(one.residual.shape[1]), (len(one.t), 1, 1))})
@@ -283,7 +283,7 @@ def _late(problem: Problem) -> Signature | None:
 
 def _field(problem: Problem) -> Signature | None:
     """A field whose horizontal part is another in NED: the compass, or the iron around it, has turned."""
-    one = problem.told_often("compass")
+    one = problem.well_observed("compass")
     if one is None:
         return None
     matrix = quaternion.to_matrix(problem.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
@@ -292,7 +292,7 @@ def _field(problem: Problem) -> Signature | None:
 
 def _rotation(problem: Problem) -> Signature | None:
     """A compass turned by u in its mounting: what it reads changes by u × the field in the body."""
-    one = problem.told_often("compass")
+    one = problem.well_observed("compass")
     if one is None:
         return None
     of_matrix = one.constants[:, :, CONSTANTS["soft_iron"][0]]

@@ -247,17 +247,17 @@ def first_guess(setup: Setup, flight: Flight) -> States:
 
 def unaided_guess(setup: Setup, flight: Flight) -> States:
     """The same by gravity and compass, where there is one: an estimator that is far off leads to nowhere."""
-    return first_guess(setup, replace(flight, attitude=None) if _heading_is_told(setup) else flight)
+    return first_guess(setup, replace(flight, attitude=None) if _heading_is_observed(setup) else flight)
 
 
 def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
     """Where the iteration may begin, made as they are asked for: with the autopilot's attitude, and without it."""
     yield first_guess(setup, flight)
-    if flight.attitude is not None and _heading_is_told(setup):
+    if flight.attitude is not None and _heading_is_observed(setup):
         yield unaided_guess(setup, flight)
 
 
-def _heading_is_told(setup: Setup) -> bool:
+def _heading_is_observed(setup: Setup) -> bool:
     return any(one.name == "compass" for one in setup.readings)
 
 

@@ -147,7 +147,7 @@ def record_layouts(
             return np.empty(0, np.void)
         return gather_rows(data, starts[types == layout.type], layout.dtype)
 
-    units = Units.told(
+    units = Units.from_rows(
         [(int(row["Id"]), _text(row["Label"])) for row in rows("UNIT", {"Id": "iu", "Label": "S"})],
         [(int(row["Id"]), float(row["Mult"])) for row in rows("MULT", {"Id": "iu", "Mult": "f"})],
         [
@@ -173,7 +173,7 @@ class Units:
     letters: Mapping[int, tuple[str, str]]  # type → the letters of its columns' units, and of their factors
 
     @classmethod
-    def told(
+    def from_rows(
         cls,
         labels: Iterable[tuple[int, str]],
         factors: Iterable[tuple[int, float]],

@@ -124,7 +124,7 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
         return [(int(first), *rest) for first, *rest in decoded if _is_byte(first)]
 
     factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
-    return Units.told(
+    return Units.from_rows(
         rows("UNIT", "Id", "Label"),
         ((number, float(text)) for number, text in factors if _is_number(text)),
         rows("FMTU", "FmtType", "UnitIds", "MultIds"),

@@ -274,14 +274,14 @@ def _subscription(body: bytes) -> Subscription | None:
 
 
 def _info(body: bytes, *, several: bool) -> Info | None:
-    said = _key_and_value(body[several:])
+    pair = _key_and_value(body[several:])
     continued = several and body[0] == 1
-    return None if said is None or (several and body[0] > 1) else Info(*said, several, continued)
+    return None if pair is None or (several and body[0] > 1) else Info(*pair, several, continued)
 
 
 def _parameter(body: bytes, *, default: bool) -> Parameter | None:
-    said = _key_and_value(body[default:])
-    return None if said is None or (default and not body[0]) else Parameter(*said, body[0] if default else 0)
+    pair = _key_and_value(body[default:])
+    return None if pair is None or (default and not body[0]) else Parameter(*pair, body[0] if default else 0)
 
 
 def _logged(body: bytes, *, tagged: bool) -> LoggedText | None:

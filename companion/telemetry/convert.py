@@ -256,8 +256,8 @@ def parameter_values(messages: Messages, notes: list[str], *, bytewise: bool) ->
         integer = (messages["param_type"] >= 1) & (messages["param_type"] <= 6)  # MAV_PARAM_TYPE_UINT8 ... INT32
         raw = np.ascontiguousarray(messages["param_value"]).view(np.int32)
         values = np.where(integer, raw, values)
-    told = possible(messages["param_id"].tolist(), values, notes)
-    return np.where(out_of_range(values, messages["param_type"]), np.nan, told)
+    known = possible(messages["param_id"].tolist(), values, notes)
+    return np.where(out_of_range(values, messages["param_type"]), np.nan, known)
 
 
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:

@@ -48,13 +48,13 @@ _VISIBLE: Mapping[ResetKind, float] = {
 def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
     """Resets and lane switches in words."""
     resets: list[EstimatorReset] = []
-    for said in texts:
-        if "EKF" not in said.text:
+    for one in texts:
+        if "EKF" not in one.text:
             continue
         for pattern, kind in _RESETS:
-            if match := pattern.match(said.text):
+            if match := pattern.match(one.text):
                 core = match.groupdict().get("core")
-                reset = EstimatorReset(said.t, kind, said.text, None if core is None else int(core))
+                reset = EstimatorReset(one.t, kind, one.text, None if core is None else int(core))
                 if not any(_same_switch(reset, other) for other in resets):
                     resets.append(reset)
                 break

@@ -191,10 +191,10 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     messages, flight, imus = begun.boot.messages, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
     attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
-    attitude, told = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
+    attitude, notes_of = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
     positions = _made(begun, convert.position, "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
     position, odd = max(positions, key=lambda one: _weight(one[0]), default=(None, []))
-    notes += [*told, *odd]
+    notes += [*notes_of, *odd]
     position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()

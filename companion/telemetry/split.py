@@ -67,11 +67,11 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     counts = Counter[tuple[int, int]]()
     for one in messages.values():
         counts.update(one.senders())
-    heard = {who for who, _ in counts.most_common(MOST_SENDERS)}
+    senders = {who for who, _ in counts.most_common(MOST_SENDERS)}
     by_sender: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
         who = one.senders()
-        for sysid, compid in heard & who.keys():
+        for sysid, compid in senders & who.keys():
             alone = len(who) == 1  # most logs have one sender of each type
             its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
             by_sender.setdefault((sysid, compid), {})[name] = its

@@ -17,9 +17,9 @@ from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
     cause_of,
+    described,
     fault_intervals,
     fault_probability,
-    said,
 )
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
@@ -267,13 +267,13 @@ def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Riva
     ids=["the accelerometer nearly explains it", "the compass does", "no GPS"],
 )
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
-    flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str
+    flight: Flight, best: BestEstimate, doubt: dict[str, object], described: str, tells: str
 ) -> None:
     """And what would tell is what such a log lacks."""
     found = estimator_deviations(headed(flight, 40.0), best, Limits())
     (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
     assert (finding.side, finding.severity) == ("data", "warning")
-    assert said in finding.evidence
+    assert described in finding.evidence
     assert finding.advice.startswith(tells)
 
 
@@ -499,7 +499,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     field = best.states.constant("earth_field")
     change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
     interval = FaultInterval("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, ())
-    assert said(interval, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
+    assert described(interval, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
     cause = cause_of(interval, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"

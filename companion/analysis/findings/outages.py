@@ -261,16 +261,16 @@ def interference_findings(flight: Flight) -> Iterator[Finding]:
         noisy = columns.get("jamming_indicator", nothing) >= harm.JAMMING
         jammed = (state >= check.JAMMED) | ((state == 0) & noisy)
         for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= check.JAMMED)):
-            said = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
+            reports = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
             interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
-            if len(said) * interval > harm.GPS_OUTAGE_S:
+            if len(reports) * interval > harm.GPS_OUTAGE_S:
                 yield Finding(
                     "gps_interference",
                     "data",
                     "warning",
-                    said[0],
-                    said[-1],
-                    f"the GPS ({one.source}) says that it is {words}, for {len(said) * interval:.1f} s",
+                    reports[0],
+                    reports[-1],
+                    f"the GPS ({one.source}) says that it is {words}, for {len(reports) * interval:.1f} s",
                     "Look at what sends or switches near the antenna: a GPS that is disturbed misleads an estimator.",
                 )
         break  # the selected receiver; its driver's topic says the same
