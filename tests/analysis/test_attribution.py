@@ -267,13 +267,13 @@ def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Riva
     ids=["the accelerometer nearly explains it", "the compass does", "no GPS"],
 )
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
-    flight: Flight, best: BestEstimate, doubt: dict[str, object], described: str, tells: str
+    flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str
 ) -> None:
     """And what would tell is what such a log lacks."""
     found = estimator_deviations(headed(flight, 40.0), best, Limits())
     (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
     assert (finding.side, finding.severity) == ("data", "warning")
-    assert described in finding.evidence
+    assert said in finding.evidence
     assert finding.advice.startswith(tells)
 
 
