@@ -26,7 +26,7 @@ OWN_TABLES = {
     "analysis/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
     "analysis/fault_interval.py: BIAS_UNITS",  # how a bias is printed
     "analysis/findings/axes.py: _THOUSAND",  # factors between units, and their words
-    "analysis/findings/control.py: _MOTORS",  # numbers of SERVOn_FUNCTION
+    "analysis/findings/consequences.py: _MOTORS",  # numbers of SERVOn_FUNCTION
     "analysis/inventory.py: _ORIENTATIONS",  # numbers of MAV_SENSOR_ORIENTATION
 }
 """Tables of rows that have more than a number, where their reader looks for them."""

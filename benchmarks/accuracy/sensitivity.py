@@ -27,7 +27,7 @@ from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.labelled import HERE
 from benchmarks.accuracy.labels import SHARED, Label, Outcome, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import assessment, attribution, constant_faults, deviations
+from companion.analysis import assessment, attribution, constant_faults
 from companion.analysis.fault_interval import EstimatorDeviation, FaultInterval
 from companion.app.recording import read_recording
 from companion.constants import check, num, priors
@@ -116,16 +116,10 @@ VARIANTS: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
 
 RULES: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
     AS_IT_IS: nullcontext,
-    "coning behind a low-pass": without(attribution, "_may_be_coning", _never),
     "the IMU fits with far more noise than it shows": without(BestEstimate, "contradicted", False),
-    "a GPS in order creeps as far": without(attribution, "_creeps_in_order", _never),
-    "the IMU moved as the autopilot says": without(deviations, "_confirmed_by_imu", _never),
     "a sensor explains a deviation nearly as well": without(attribution, "SENSORS", {}),
-    "begins with a jump of the autopilot's own": without(attribution, "_steps", _never),
     "there since the start of the log": without(attribution, "_since_start", lambda *_: 1.0),
     "compass and IMU turned against each other": without(attribution, "_turned", lambda *_: None),
-    "a lag of the attitude": without(deviations, "_lag", lambda error, *_: np.zeros_like(error)),
-    "shaking between two attitudes": without(deviations, "_shaken", lambda best: np.zeros(len(best.t))),
     "a height or a heading that cannot follow": without(attribution, "follows", _begins_after),
     "folded vibration": without(setup, "aliasing", lambda _: {}),
 }

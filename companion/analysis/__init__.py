@@ -1,10 +1,8 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.alignment import Alignment, Later, align
+from companion.analysis.alignment import Alignment, Later, Rest, align, rests
 from companion.analysis.assessment import Assessment, assess
-from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
-from companion.analysis.believable import believable
 from companion.analysis.budget import Expected
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import (
@@ -17,15 +15,15 @@ from companion.analysis.comparison import (
     trailing,
     windows,
 )
+from companion.analysis.constant_faults import known_from
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
-from companion.analysis.deviations import Sensitivity
+from companion.analysis.deviations import AutopilotBias, AutopilotError, Sensitivity, autopilot_bias, autopilot_error
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
-from companion.analysis.drift import Drift, DriftRow, Statistic, drift, drift_of
+from companion.analysis.drift import Drift, DriftRow, RedundantImu, Statistic, drift, drift_of, each_imu
 from companion.analysis.fault_interval import percent
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
-from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
 from companion.analysis.incident import Incident, Moment, Output, TimelineRow, Tracking, imus_within, incident, window
 from companion.analysis.incident_causes import ProbableCause
@@ -45,7 +43,6 @@ from companion.analysis.noise import (
     noise_in_flight,
     noise_model,
 )
-from companion.analysis.persistent_errors import known_from
 from companion.analysis.phases import phases
 from companion.analysis.pose_error import (
     Expectation,
@@ -58,12 +55,10 @@ from companion.analysis.pose_error import (
 )
 from companion.analysis.preflight import Ageing, Preflight, ageing, preflight
 from companion.analysis.preflight_check import Check
-from companion.analysis.redundant_imus import RedundantImu, each_imu
 from companion.analysis.reference import Limits, Reference, reference_at
-from companion.analysis.replay import Continued, Replay, extend, replay, replay_from_rest
-from companion.analysis.rest import Rest, rests
+from companion.analysis.replay import Continued, FreeRun, FreeState, Replay, extend, replay, replay_from_rest
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.standing import StandingFault, carried_on, standing_verdict
+from companion.analysis.standing import StandingFault, believable, carried_on, standing_verdict
 from companion.analysis.verdict import FlightVerdict, Verdict
 from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S

@@ -9,26 +9,30 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from companion.analysis.agreement import Agreement, agreement, while_judged
-from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
+from companion.analysis.alignment import Rest, rests
 from companion.analysis.budget import Expected, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
+from companion.analysis.constant_faults import (
+    beside_best,
+    constant_fault_probability,
+    known_from,
+    level_is_unusual,
+    read_wrongly,
+)
 from companion.analysis.correction import NO_CORRECTION, Correction
-from companion.analysis.deviations import Sensitivity, sensitivity
+from companion.analysis.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
 from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding, turned_others
-from companion.analysis.findings.turned import righted_compasses
+from companion.analysis.findings.settings import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.persistent_errors import beside_best, known_from, level_is_unusual
 from companion.analysis.phases import aligned_at, flown, landed_at, phases
-from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
 from companion.estimation import (
@@ -187,9 +191,9 @@ def assess(
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room
     estimate = partial(smooth, confusion=confusion, most_causes=most_causes)
-    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
+    made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
-    faults += [*told_by_it, *frozen]
+    faults += [*more, *frozen]
     turned = turned_others(seen, judged.track, faults, best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
     all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants, turned)
@@ -197,9 +201,9 @@ def assess(
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
-    told = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
+    corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
-    agreed = partial(agreement, told, parts=parts, usual=usual, autopilot=autopilot)
+    agreed = partial(agreement, corrected, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
     by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
     by_side = {} if best is None else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
@@ -282,12 +286,12 @@ def _best(
             best = again(flight)
         except NoEstimateError:
             return why, []
-    told = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
+    found_missing = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
     turned_itself = any(f.kind == "axes_wrong" for f in faults)
-    righted, turned = (flight, []) if told or turned_itself else righted_compasses(flight, best, again)
-    if told := [*told, *turned]:
-        best_so, more = _best(righted, comparison, [*faults, *told], out, before, estimate, differ=differ)
-        return best_so, [*told, *more]
+    righted, turned = (flight, []) if found_missing or turned_itself else righted_compasses(flight, best, again)
+    if found_missing := [*found_missing, *turned]:
+        best_so, more = _best(righted, comparison, [*faults, *found_missing], out, before, estimate, differ=differ)
+        return best_so, [*found_missing, *more]
     if not differ or "gps_position" not in best.residuals or turned_itself:
         return best, []
     other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)

@@ -9,16 +9,16 @@ A deviation that follows a fault interval is its consequence; one that follows n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.constant_faults import compass_fault_probability, scale_fault_probability
+from companion.analysis.constant_faults import ALL_THE_TIME, compass_fault_probability, scale_fault_probability
 from companion.analysis.fault_interval import (
     SENSORS,
     EstimatorDeviation,
     FaultInterval,
     cause_of,
+    described,
     is_sized,
     likelihoods,
     own_odds,
@@ -27,17 +27,13 @@ from companion.analysis.fault_interval import (
     probability_by_side,
     reported_size,
     rival,
-    said,
     turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
-from companion.analysis.persistent_errors import ALL_THE_TIME
 from companion.constants import check, num, priors
 from companion.estimation import (
     BestEstimate,
-    coning,
     harmful,
-    hides_shaking,
     kind_of,
     times_of_change,
 )
@@ -97,21 +93,19 @@ def findings_of(
     all_intervals: tuple[FaultInterval, ...],
     deviations: tuple[EstimatorDeviation, ...],
     best: BestEstimate,
-    jumps: Sequence[Finding] = (),
     in_use: SensorInUse | None = None,
 ) -> list[Finding]:
     """Fault intervals and deviations as findings: causes as errors, the harmless as information if beyond its σ.
 
-    jumps: those of the autopilot's heading and position. in_use: the IMU that it flew on; another one misleads nobody.
+    in_use: the IMU that it flew on; another one misleads nobody.
     """
     may = tuple(e for e in all_intervals if e.side != "imu" or _in_use(e, best, in_use))
     causes = [_cause_among(d, may, best) for d in deviations]
     led_to = [[d for d, cause in zip(deviations, causes, strict=True) if cause is one] for one in all_intervals]
-    told = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
-    out = [finding for finding in told if finding is not None]
+    by_interval = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
+    out = [finding for finding in by_interval if finding is not None]
     own = [d for d, cause in zip(deviations, causes, strict=True) if cause is None]
-    by_imu = min((d.start for d in own if d.imu_confirms), default=np.inf)
-    return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
+    return out + [_own(d, best) for d in own]
 
 
 def _of_interval(
@@ -136,29 +130,29 @@ def _of_interval(
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
             why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
     undecided = bool(why) and (harmed or severity != "error" or not from_start)
-    headline = said_of = said(interval, best)
+    headline = evidence = described(interval, best)
     misled: tuple[str, ...] = ()
     if severity == "error" and interval.side == "imu":
-        said_of = headline = f"{headline}{_which_imu(interval, best)}"
+        evidence = headline = f"{headline}{_which_imu(interval, best)}"
         if not _in_use(interval, best, in_use):
-            said_of += "; the autopilot flew on another IMU"
+            evidence += "; the autopilot flew on another IMU"
     if harmed:
         worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
         misled = tuple(str(d) for d in worst.values())
-        said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
+        evidence += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
     if why:
         side, severity, headline = "data", "warning", ""
-        said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
+        evidence = f"{'perhaps ' if would_tell else ''}{evidence}; {why}"
     elif no_fault and not harmed:
-        said_of += f" (no fault: {percent(likelihoods(interval)['nobody'])})"
+        evidence += f" (no fault: {percent(likelihoods(interval)['nobody'])})"
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
-        said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
+        evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or kind_of(interval.kind).advice
     return Finding(
-        interval.kind, side, severity, interval.start, end, said_of, advice, headline, cause, undecided=undecided
+        interval.kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
 
 
@@ -191,33 +185,14 @@ _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
 
 
-def _may_be_coning(interval: FaultInterval, size: float, best: BestEstimate) -> bool:
-    """Whether a gyro reads no more too much than its shaking adds up to, of which a low-pass may hide any part."""
-    return (
-        interval.kind == "gyro_bias"
-        and interval.imu is None
-        and hides_shaking(best.imu)
-        and size < float(np.linalg.norm(coning(best.imu, interval.start, interval.end)))
-    )
-
-
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
-_CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
-
-
-def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
-    """Whether what goes off slowly may go no further than that of a sensor in order."""
-    return size < kind_of(kind).least_slow + num.SIGMAS * sigma
 
 
 def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, str]:
     """Why an interval that looks like a fault accuses nobody, empty where it does; and what would tell."""
-    size, _, _ = reported_size(interval, best)
     reasons = (
         (kind_of(interval.kind).nuisance,
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
-        (_may_be_coning(interval, size, best),
-         "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
         (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
         _undecided(interval),
     )  # fmt: skip
@@ -246,25 +221,19 @@ _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
-_RECEIVER = "A second GPS receiver in the log would tell."
 
 
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
 
 
-def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> tuple[str, str]:
+def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate) -> tuple[str, str]:
     """Why a deviation does not accuse the autopilot, empty where it does; and what would tell."""
     faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
-    slowly_off = deviation.quantity == "position" and not deviation.sudden
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
-        (slowly_off and _creeps_in_order("gps_position", deviation.size, deviation.sigma),
-         "a GPS in order creeps as far: it cannot be told which of them is wrong", _RECEIVER),
         (best.contradicted, _CONTRADICTED, _FASTER),
-        (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
-         _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
         (deviation.probability < priors.ACCUSED,
@@ -273,33 +242,14 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
-_STEPS = {"heading": "heading_jump", "position": "position_jump"}
-
-
-def _steps(deviation: EstimatorDeviation, jumps: Sequence[Finding]) -> bool:
-    """Whether a deviation begins with a jump of the autopilot's own: it is its own then, however uncertain its size.
-
-    Of a position only where it is itself a step: between two lanes an estimate may jump there and back.
-    """
-    if deviation.quantity == "position" and not deviation.sudden:
-        return False
-    own = [one for one in jumps if one.kind == _STEPS.get(deviation.quantity) and one.severity == "error"]
-    return any(-check.NOTICED_S < one.start_s - deviation.start < check.NEAR_S for one in own)
-
-
-def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float, steps: bool) -> Finding:
+def _own(deviation: EstimatorDeviation, best: BestEstimate) -> Finding:
     """A deviation that nothing explains: the sensors agree with one another, and the estimate does not with them.
 
-    by_imu: s, when the first one began in which the IMU sides with the autopilot. steps: whether it begins with a jump.
-
-    But for these, without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
+    Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
     both may be off by, it is said and accuses nobody.
     """
-    led = best.contradicted or deviation.start >= by_imu  # an estimator jumps too to be rid of what an IMU led it to
-    why, would_tell = ("", "") if steps and not led else _why_unsure(deviation, best, by_imu)
-    unsure, cause = bool(why), deviation.cause
-    if steps and not unsure:  # whose size is uncertain, but not that it is one
-        cause = replace(cause, probability=None, side_probability=None)
+    why, would_tell = _why_unsure(deviation, best)
+    unsure = bool(why)
     words = f"its estimate is off by {deviation} against the best estimate of the sensors, which agree with each other"
     if unsure:
         words = f"autopilot and IMU differ by {deviation}; {why}"
@@ -314,6 +264,6 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float, steps
         "Look at the estimator's innovations and at its settings; compare with another core or another estimator.",
         headline="" if unsure else f"it is off by {deviation} from what all sensors together say, "
         f"from {deviation.start:.1f} to {deviation.end:.1f} s",
-        cause=cause if not unsure or why.startswith(_HARDLY_OFF) else None,
+        cause=deviation.cause if not unsure or why.startswith(_HARDLY_OFF) else None,
         undecided=unsure,
     )  # fmt: skip

@@ -20,9 +20,9 @@ import numpy as np
 
 from companion.analysis.budget import Budget, budget, nees, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Windows, windows
+from companion.analysis.constant_faults import Known, persistent_covariance
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.persistent_errors import Known, persistent_covariance
 from companion.analysis.reference import BoolArray
 from companion.constants import healthy, num
 from companion.estimation import chi_square
@@ -58,7 +58,7 @@ class Calibration:
         """Whether the flight tells any figure of a part of PARTS."""
         return any(self.observable[PARTS[part]])
 
-    def told_by_best(self, part: str) -> bool:
+    def observed_by_best(self, part: str) -> bool:
         """Whether any figure of a part of PARTS is, and is told."""
         return any(np.logical_and(self.observable, self.from_best)[PARTS[part]])
 
@@ -106,7 +106,7 @@ def calibrate(
     joint = joint * max(1.0, spread)
     joint[:_COUNT, :_COUNT] += persistent_covariance(own.track)
     enough = num.OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
-    taken = np.zeros(_COUNT, np.bool_) if known is None else known.told
+    taken = np.zeros(_COUNT, np.bool_) if known is None else known.observable
     if known is not None:
         values, joint = _given(values, joint, taken, known.values, known.covariance)
         enough = np.where(taken, np.inf, enough)
@@ -161,8 +161,8 @@ def _given(
     fixed = np.append(where, np.zeros(len(covariance) - len(where), np.bool_))
     gain = covariance[:, fixed] @ np.linalg.pinv(covariance[np.ix_(fixed, fixed)], hermitian=True)
     gain[fixed] = np.eye(int(where.sum()))
-    told = np.broadcast_to(known, values.shape)[where]
-    moved = values + gain[: len(values)] @ (told - values[where])
+    fixed_values = np.broadcast_to(known, values.shape)[where]
+    moved = values + gain[: len(values)] @ (fixed_values - values[where])
     left = covariance - gain @ covariance[fixed]
     left[fixed], left[:, fixed] = 0.0, 0.0
     return moved, left if uncertain is None else left + gain @ uncertain[np.ix_(where, where)] @ gain.T

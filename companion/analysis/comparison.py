@@ -38,11 +38,11 @@ class Passes:
         how = self._how
         return preintegrate(self._track, method=how.method, middle=how.middle, segments=how.segments)
 
-    def coarse(self, wanted: IntArray, usual: IntArray) -> Preintegration:
+    def coarse(self, samples: IntArray, usual: IntArray) -> Preintegration:
         """That of rk4's other middle sample, at the samples that are wanted and those that usually are; kept for all
         whose samples are among them."""
-        if self._coarse is None or not np.isin(wanted, self._coarse[0]).all():
-            known = np.unique(np.concatenate([wanted, usual]))
+        if self._coarse is None or not np.isin(samples, self._coarse[0]).all():
+            known = np.unique(np.concatenate([samples, usual]))
             other = "linear" if self._how.middle == "cubic" else "cubic"
             whole = preintegrate(self._track, method="rk4", middle=other, segments=self._how.segments)
             self._coarse = known, whole.at(known)

@@ -1,16 +1,19 @@
-"""Where the autopilot's own estimate leaves the best estimate further than both may be off, and what would be seen."""
+"""Where the autopilot's own estimate leaves the best estimate further than both may be off, and what would be seen.
+
+What is known of the autopilot's own estimate: how far it was off, and the biases that it takes off the readings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.fault_interval import BIAS_UNITS, EstimatorDeviation
-from companion.analysis.finding import IntArray, runs
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation
+from companion.analysis.finding import Finding, IntArray, runs
 from companion.analysis.phases import flown, judged_at, phases
-from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
+from companion.analysis.reference import BoolArray, Limits, attitude_error, length, reference_at
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -18,21 +21,161 @@ from companion.estimation import (
     POSITION,
     VELOCITY,
     BestEstimate,
-    corrected,
     kind_of,
-    shaking,
 )
-from companion.model import Array, EstimatorReset, Flight, NoEstimateError, weighted_median
+from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated
 from companion.strapdown import preintegrate, quaternion
 
-_AXES: Mapping[str, tuple[str, slice]] = {
-    "tilt": ("turn", slice(0, 2)),
-    "heading": ("turn", slice(2, 3)),
-    "velocity": ("velocity", slice(0, 2)),
-    "position": ("position", slice(0, 2)),
-    "height": ("position", slice(2, 3)),
-}
-"""Quantity → what it is of, and its components in NED."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AutopilotBias:
+    """An estimator's own gyro bias towards the end of a flight."""
+
+    gyro: Array  # (3,) rad/s, FRD
+    sigma: Array  # (3,) from its scatter, and from the steps of the readings
+    start_s: float  # boot clock
+    end_s: float
+
+
+def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
+    """Readings of the gyro less the rates of ATTITUDE; None where those say nothing of this gyro.
+
+    They are the first IMU's. Where the log has no rates but the gyro's own, or the bias has been taken off the readings
+    already, there is nothing to compare.
+    """
+    attitude = flight.attitude
+    if attitude is None or not attitude.rates_reported or not attitude.rates.any():
+        return None
+    if track.instance != 0 or track.bias_removed:
+        return None
+    inside = (attitude.t >= track.t[0]) & (attitude.t <= track.t[-1])
+    t, rates = attitude.t[inside], attitude.rates[inside]
+    if len(t) < 2:
+        return None
+    gyro = interpolated(t, track.t, track.gyro)
+    slow = length(rates) < num.AP_BIAS_MAX_RPS
+    block = ((t - t[0]) / num.AVERAGED_S).astype(np.intp)
+    count = np.bincount(block[slow], minlength=block[-1] + 1)
+    full = np.flatnonzero(count >= 0.9 * np.bincount(block).clip(1))
+    if len(full) < num.AP_BIAS_MIN_BLOCKS:
+        return None
+    sums = [np.bincount(block[slow], (gyro - rates)[slow, axis], minlength=len(count))[full] for axis in range(3)]
+    means = np.column_stack(sums) / count[full, None]
+    newest = means[-max(num.AP_BIAS_MIN_BLOCKS, round(num.AP_BIAS_NEWEST * len(means))) :]
+    used = full[-len(newest) :]
+    middle = np.median(newest, axis=0)
+    scatter = 1.4826 * np.median(np.abs(newest - middle), axis=0)
+    return AutopilotBias(
+        gyro=middle,
+        sigma=np.hypot(scatter, 0.5 * track.gyro_step),
+        start_s=float(t[0] + used[0] * num.AVERAGED_S),
+        end_s=float(min(t[0] + (used[-1] + 1) * num.AVERAGED_S, t[-1])),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotError:
+    """One quantity: size of the difference over the flight, and how well the best estimate knows it."""
+
+    quantity: str  # "tilt", "heading", "velocity", "position"
+    unit: str  # "rad", "m/s", "m"
+    samples: int
+    median: float
+    p95: float
+    worst: float
+    worst_s: float  # s, boot clock, of the worst
+    sigma: float  # 1σ of the best estimate at that time, and of the autopilot's state between two of its samples
+    typical_sigma: float  # its median
+
+
+def autopilot_error(
+    flight: Flight,
+    best: BestEstimate,
+    limits: Limits = Limits(),  # noqa: B008  (frozen)
+) -> tuple[AutopilotError, ...]:
+    """The autopilot's estimate less the best estimate, at the keyframes at which the autopilot tells its state.
+
+    Velocity and position need a GPS. Positions are compared from where both begin: their zeros need not be one place.
+    Empty where the flight has no estimate of the autopilot's.
+    """
+    if flight.attitude is None or len(flight.attitude) < 2:
+        return ()
+    reference = reference_at(flight.attitude, flight.position, best.t, limits)
+    turned = attitude_error(reference.q_ned_frd, best.q_ned_frd)
+    between = reference.interpolation_error(np.arange(len(best.t)), preintegrate(best.imu))
+    attitude = np.hypot(best.sigma(ATTITUDE), between.attitude[:, None])
+    velocity = np.hypot(best.sigma(VELOCITY), between.velocity[:, None])
+    position = np.hypot(best.sigma(POSITION), between.position[:, None])
+    tilt, heading = attitude[:, :2], attitude[:, 2:]
+    rows = [
+        ("tilt", "rad", length(turned[:, :2]), tilt, reference.attitude_known),
+        ("heading", "rad", np.abs(turned[:, 2]), heading, reference.attitude_known),
+    ]
+    known = reference.position_known
+    if "gps_position" in best.residuals and known.any():
+        moved = reference.position - best.position
+        begin = np.flatnonzero(known)[: max(5, int(num.POSITION_ORIGIN_SHARE * known.sum()))]
+        rows.append(("velocity", "m/s", length(reference.velocity - best.velocity), velocity, known))
+        rows.append(("position", "m", length(moved - np.median(moved[begin], axis=0)), position, known))
+    return tuple(
+        _summary(name, unit, best.t[known], size[known], length(sigma[known]))
+        for name, unit, size, sigma, known in rows
+        if known.any()
+    )
+
+
+def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> AutopilotError:
+    worst = int(np.argmax(size))
+    return AutopilotError(
+        quantity=name,
+        unit=unit,
+        samples=len(size),
+        median=float(np.median(size)),
+        p95=float(np.percentile(size, 95.0)),
+        worst=float(size[worst]),
+        worst_s=float(t[worst]),
+        sigma=float(sigma[worst]),
+        typical_sigma=float(np.median(sigma)),
+    )
+
+
+def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
+    """Where the best estimate and an estimator of the vehicle find the same large bias in the IMU that was judged."""
+    own = [b for b in flight.biases if b.imu_instance == best.imu.instance and len(b)]
+    if not own:
+        return
+    held = own[0]
+    begin, end = float(best.t[0]), float(best.t[-1])
+    since = end - num.AP_BIAS_NEWEST * (end - begin)
+    late, newest = held.t >= since, best.t >= since
+    for sensor, large in harm.AP_BIAS.items():
+        values: Array = getattr(held, sensor)[late]
+        estimate: Array = getattr(best.states, f"{sensor}_bias")[newest]
+        if not len(values) or not np.isfinite(values).all():
+            continue
+        theirs, ours = np.median(values, axis=0), np.median(estimate, axis=0)
+        sigma = np.hypot(
+            np.nan_to_num(np.median(getattr(held, f"{sensor}_sigma")[late], axis=0)),
+            np.median(getattr(best, f"{sensor}_bias_sigma")[newest], axis=0),
+        )
+        sigma = np.maximum(sigma, healthy.AP_BIAS_MIN_SIGMA[sensor])
+        if float(length(ours)) < large or (np.abs(ours - theirs) > num.SIGMAS * sigma).any():
+            continue
+        axis = int(np.argmax(np.abs(ours)))
+        if abs(theirs[axis]) < 0.5 * abs(ours[axis]):
+            continue  # it does not know it: it is only unsure
+        name, (unit, factor, decimals) = SENSORS[sensor], BIAS_UNITS[sensor]
+        reads, takes = (f"{v[axis] * factor:.{decimals}f}" for v in (ours, theirs))
+        yield Finding(
+            f"{sensor}_bias_known",
+            "data",
+            "info",
+            begin,
+            end,
+            f"{name} {'xyz'[axis]} bias {reads} {unit}; the autopilot's estimator takes {takes} off ({held.source})",
+            "No fault: the estimator knows it and removes it. A calibration at rest would spare it the work.",
+        )
+
 
 _LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
 
@@ -53,13 +196,12 @@ def estimator_deviations(
         return ()
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
-    error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
-    shaken, between = _shaken(best), reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
+    between = reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
     tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
     off = {
-        "tilt": (length(error[:, :2]), _together(tilt, _beyond("tilt", shaken), between.attitude)),
-        "heading": (heading, _together(doubt, _beyond("heading", shaken), between.attitude)),
+        "tilt": (length(error[:, :2]), _together(tilt, between.attitude)),
+        "heading": (heading, _together(doubt, between.attitude)),
     }
     known = judged & reference.position_known
     which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
@@ -85,51 +227,8 @@ def estimator_deviations(
             if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
-                felt = _confirmed_by_imu(best, reference, name, value, peak)
-                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
+                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, stepped))
     return tuple(sorted(deviations, key=lambda d: d.start))
-
-
-def _shaken(best: BestEstimate) -> Array:
-    """(K,) rad, 1σ of what two attitudes differ by that tell the shaking of a vehicle at other times, around each."""
-    _, turned = shaking(best.imu)
-    square = np.concatenate([[0.0], np.cumsum((turned**2).sum(axis=1))])
-    first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-num.AVERAGED_S, num.AVERAGED_S))
-    return np.asarray(np.sqrt(2.0 * (square[last] - square[first]) / np.maximum(last - first, 1)))
-
-
-def _beyond(quantity: str, sigma: Array) -> Array:
-    """(K,) 1σ, what is more in some σ (K,) than an estimator in order may be off by."""
-    return np.asarray(np.sqrt(np.maximum(sigma**2 - healthy.AP_SIGMA[quantity] ** 2, 0.0)))
-
-
-def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
-    """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
-
-    Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray
-    by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
-    nor of velocity and position after more than some seconds.
-    """
-    low = np.flatnonzero(value[:peak] <= check.DEVIATION_ONSET * value[peak])
-    if not len(low):
-        return False
-    first, (moved, axes) = int(low[-1]), _AXES[quantity]
-    if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
-        return False
-    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
-
-    def off(one: Reference | BestEstimate) -> float:
-        start = one.q_ned_frd[first], one.velocity[first], one.position[first]
-        q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
-        error = {
-            "turn": attitude_error(one.q_ned_frd[peak], q),
-            "velocity": one.velocity[peak] - v,
-            "position": one.position[peak] - p,
-        }
-        return float(np.linalg.norm(error[moved][axes]))
-
-    autopilot = off(reference)
-    return autopilot < off(best) and autopilot < (1.0 - check.DEVIATION_ONSET) * float(value[peak])
 
 
 def _together(*sigmas: Array) -> Array:
@@ -187,11 +286,11 @@ def _heading_off(
     sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
     doubted = sigma > check.WELL_KNOWN * healthy.AP_SIGMA["heading"]
-    told = np.sort([one.t for one in resets if one.kind == "heading"])
+    reset_times = np.sort([one.t for one in resets if one.kind == "heading"])
     turned = min((one.onset for one in best.explained if kind_of(one.kind).side == "compass"), default=np.inf)
-    at = np.searchsorted(best.t, told)
+    at = np.searchsorted(best.t, reset_times)
     further = np.abs(error[np.minimum(at + 1, len(error) - 1)]) > np.abs(error[np.maximum(at - 1, 0)])
-    part = np.searchsorted(told[~(further & (told > turned))], best.t)
+    part = np.searchsorted(reset_times[~(further & (reset_times > turned))], best.t)
     for one in np.unique(part[doubted & judged]):
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
@@ -208,23 +307,6 @@ def least_deviation(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a deviation where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
     return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
-
-
-def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
-    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
-
-    Of how the error changes with the rate from one keyframe to the next: what is off throughout is no lag, nor what
-    drifts, which on a circle may look like one. The median of what each change says, as often as it tells of it.
-    """
-    rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
-    both = judged[1:] & judged[:-1]
-    changed, off = np.diff(rate, axis=0)[both], np.diff(error, axis=0)[both]
-    weight = (changed**2).sum(axis=1)
-    telling = weight > check.RATE_LAG_RPS**2
-    if telling.sum() < check.RATE_LAG_CHANGES:
-        return np.zeros_like(error)
-    weight, said = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
-    return np.asarray(rate * np.clip(weighted_median(said, weight), -check.RATE_LAG_S, check.RATE_LAG_S))
 
 
 _UNITS: Mapping[str, tuple[str, str, float]] = {

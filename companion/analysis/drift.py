@@ -3,20 +3,25 @@
 For each horizon the flight is cut into windows end to end. Each window starts from the autopilot's own state at an IMU
 sample (the anchor), is integrated by itself, and is held against the autopilot at its end. This is the relative pose
 error (RPE) of trajectory evaluation, with time as the step.
+
+Every IMU of a flight through the same windows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from companion.analysis.budget import ATTITUDE, POSITION, budget, nees, stacked
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
 from companion.constants import num
+from companion.estimation import chi_square
 from companion.model import Array, Flight, SettingsError, brief
 
 
@@ -86,12 +91,12 @@ class Drift:
 
     def __repr__(self) -> str:
         """The medians, as a notebook shows them."""
-        told = []
+        lines = []
         for row in self.rows:
             statistics = ((row.attitude_deg, "°"), (row.velocity_mps, " m/s"), (row.position_m, " m"))
             medians = ", ".join(f"{s.median:.3g}{unit}" for s, unit in statistics if s is not None) or "no window"
-            told.append(f"{row.horizon_s:g} s: {medians}")
-        shown = [*told[:4], f"... {len(told)} horizons"] if len(told) > 5 else told
+            lines.append(f"{row.horizon_s:g} s: {medians}")
+        shown = [*lines[:4], f"... {len(lines)} horizons"] if len(lines) > 5 else lines
         return f"Drift of {self.imu} ({self.method}), median of the windows after " + ";\n  ".join(shown)
 
 
@@ -158,3 +163,44 @@ def _statistic(values: Array) -> Statistic | None:
     if not len(values):
         return None
     return Statistic(*np.percentile(values, [column.metadata["percent"] for column in fields(Statistic)]).tolist())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RedundantImu:
+    """One IMU of several."""
+
+    imu: str
+    instance: int
+    rate_hz: float
+    drift: DriftRow  # after 5 s
+    inside: Mapping[str, float]  # attitude, position → share of windows inside the 95 % bound; empty without windows
+
+
+def each_imu(
+    flight: Flight,
+    compare_imu: Callable[[str], Comparison],
+    imu_spec_of: Callable[[str], ImuSpec],
+    autopilot: ReferenceSpec,
+) -> tuple[RedundantImu, ...]:
+    """Every IMU of the flight with two samples or more, each by its own part's figures."""
+    return tuple(
+        _redundant(compare_imu(name), imu_spec_of(name), autopilot)
+        for name, track in flight.imus.items()
+        if len(track) > 1
+    )
+
+
+def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
+    chosen = windows(comparison, num.JUDGED_S)
+    inside: dict[str, float] = {}
+    if len(chosen.start):
+        total = budget(comparison, chosen, figures, autopilot).total
+        error = stacked(comparison, chosen)
+        blocks = {"attitude": ATTITUDE, "position": POSITION} if comparison.has_position else {"attitude": ATTITUDE}
+        inside = {
+            name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square(3, num.Z_95)))
+            for name, b in blocks.items()
+        }
+    row = drift_of(comparison, (num.JUDGED_S,)).rows[0]
+    track = comparison.track
+    return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)

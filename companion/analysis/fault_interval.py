@@ -68,7 +68,6 @@ class EstimatorDeviation:
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
-    imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
     sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property
@@ -233,7 +232,7 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
     )
 
 
-def said(interval: FaultInterval, best: BestEstimate) -> str:
+def described(interval: FaultInterval, best: BestEstimate) -> str:
     """The interval in words, with its time."""
     until = "to the end" if not np.isfinite(interval.end) else f"to {interval.end:.1f} s"
     what = f"{words(interval.kind)} of a size that cannot be told"

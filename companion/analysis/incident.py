@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.assessment import Assessment
-from companion.analysis.findings.control import output_name
+from companion.analysis.findings.consequences import output_name
 from companion.analysis.incident_causes import ProbableCause, of_loss, of_verdict
 from companion.analysis.loss_of_control import down_in_body
 from companion.analysis.phases import phases

@@ -66,8 +66,8 @@ def _sensors(flight: Flight) -> Iterator[Item]:
     for barometer in flight.barometers:
         yield _item("barometer", barometer.source, barometer.t)
     for airspeed in flight.airspeeds:
-        told = np.isfinite(airspeed.airspeed).any()
-        yield _item("airspeed", airspeed.source, airspeed.t, "" if told else "differential pressure alone")
+        measured = np.isfinite(airspeed.airspeed).any()
+        yield _item("airspeed", airspeed.source, airspeed.t, "" if measured else "differential pressure alone")
     for finder in flight.ranges:
         yield _item("range finder", finder.source, finder.t, _about_range(finder))
     for flow in flight.flows:

@@ -232,7 +232,7 @@ def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
     by_core = {one.lane.core: one for one in compared.lanes if one.lane.core is not None}
     for (_, before), (t, after) in pairwise(changes):
         later = min((at for at, _ in changes if at > t), default=np.inf)
-        end = min(later, t + check.NOTICED_S, float(compared.t[-1]))
+        end = min(later, t + check.SWITCH_JUDGED_S, float(compared.t[-1]))
         yield _switch(flight, compared, (t, end), (before, by_core.get(before)), (after, by_core.get(after)))
 
 

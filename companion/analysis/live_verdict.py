@@ -56,6 +56,6 @@ class LiveVerdict:
         """The verdict on the session up to now, and why: the first alarm, and what was after it."""
         if not self.alarms:
             return ("consistent", "no alarm so far") if self.was_consistent else ("", "nothing is known yet")
-        said = [f"{a.when}: {a.text}" for a in self.alarms]
-        more = f" ({len(said) - 2} more)" if len(said) > 2 else ""
-        return self.alarms[0].status, "; ".join(dict.fromkeys([said[0], said[-1]])) + more
+        lines = [f"{a.when}: {a.text}" for a in self.alarms]
+        more = f" ({len(lines) - 2} more)" if len(lines) > 2 else ""
+        return self.alarms[0].status, "; ".join(dict.fromkeys([lines[0], lines[-1]])) + more

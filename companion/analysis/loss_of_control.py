@@ -35,7 +35,7 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
     calm = [] if track is None or over is None else _spans(track.t, ~over)
     turned = [] if track is None or over is None else _turned_over(flight, airborne, _spans(track.t, over), calm)
     losses: list[Phase] = []
-    for lost in sorted([*turned, *_told(flight, airborne, calm)], key=lambda one: one.start):
+    for lost in sorted([*turned, *_reported_crashes(flight, airborne, calm)], key=lambda one: one.start):
         if not losses or lost.start >= losses[-1].end:
             losses.append(lost)
     return tuple(losses)
@@ -78,9 +78,12 @@ def down_in_body(q: Array) -> Array:
     return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
 
 
-def _told(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Iterator[Phase]:
+def _reported_crashes(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Iterator[Phase]:
     """Crashes by the vehicle's own words. calm: in control, s."""
-    words = [*((said.t, said.text) for said in flight.texts), *((event.t, event.text) for event in flight.events)]
+    words = [
+        *((text_at.t, text_at.text) for text_at in flight.texts),
+        *((event.t, event.text) for event in flight.events),
+    ]
     for t, text in words:
         if _CRASHED.search(text) and any(begin <= t <= end + check.CRASH_REPORTED_S for begin, end in airborne):
             yield Phase(t, _armed_again(flight, calm, t), "impact", text)

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.alignment import Rest, armed, rests
 from companion.analysis.imu_spec import ImuSpec, SensorSpec
 from companion.analysis.reference import BoolArray, Limits
-from companion.analysis.rest import Rest, armed, rests
 from companion.constants import check, healthy
 from companion.estimation import (
     AllanDeviation,
@@ -103,7 +103,9 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
     still = rests(flight, track, figures)
     chosen = _chosen(still)
     sampling = _sampling(track, chosen, gap)
-    resting = tuple(told for rest in chosen if (told := _rest_noise(_part(track, rest), sampling, gap)))
+    resting = tuple(
+        noise_at_rest for rest in chosen if (noise_at_rest := _rest_noise(_part(track, rest), sampling, gap))
+    )
     flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, gap)
     if not resting and flying is None:
         raise DataError(
@@ -286,9 +288,9 @@ def _sensor(noise: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorSpec
 
 
 def _worst(axes: list[Coefficient], sheet: float, rest: RestNoise | None, noise: ImuNoise) -> ModelFigure:
-    told = [axis for axis in axes if axis.value is not None]
-    if rest is not None and told:
-        worst = max(told, key=lambda axis: axis.most)
+    known = [axis for axis in axes if axis.value is not None]
+    if rest is not None and known:
+        worst = max(known, key=lambda axis: axis.most)
         text = (
             f"Allan deviation of a rest of {rest.duration_s:.0f} s at {noise.rate_hz:.1f} Hz, worst axis, 95 %: "
             f"{worst.low:.2g} to {worst.high:.2g}"

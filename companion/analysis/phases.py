@@ -98,12 +98,12 @@ _REASONS: dict[PhaseKind, str] = {
 
 def _armed(flight: Flight) -> list[Span] | None:
     """When the vehicle was armed; None where the log does not tell."""
-    said = [(event.t, event.kind == "armed") for event in flight.events if event.kind in ("armed", "disarmed")]
-    if not said:
+    reports = [(event.t, event.kind == "armed") for event in flight.events if event.kind in ("armed", "disarmed")]
+    if not reports:
         return None
     spans: list[Span] = []
-    since = None if said[0][1] else flight.start  # a log on board begins when the vehicle is armed
-    for t, armed in said:
+    since = None if reports[0][1] else flight.start  # a log on board begins when the vehicle is armed
+    for t, armed in reports:
         if since is not None:  # armed again: older logs do not say that it was disarmed in between
             spans.append((since, t))
         since = t if armed else None
@@ -112,11 +112,11 @@ def _armed(flight: Flight) -> list[Span] | None:
 
 def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
     """What the vehicle itself says; where it does not, from first to last motion of each time armed."""
-    said = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in _TOLD]
+    reports = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in _REPORTS]
     flown = []
     for begin, end in [(flight.start, flight.start + flight.duration)] if armed is None else armed:
         moving = _moving(flight, begin, end, by_position=armed is not None)
-        mine = [(t, up) for t, up in said if begin <= t <= end]
+        mine = [(t, up) for t, up in reports if begin <= t <= end]
         if not moving and not any(up for _, up in mine):
             continue
         first = min([t for t, up in mine if up] + moving[:1])
@@ -130,7 +130,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
 
 
 _ON_THE_GROUND = ("GROUND_ROVER", "SURFACE_BOAT")
-_TOLD = ("took off", "in the air", "landed")
+_REPORTS = ("took off", "in the air", "landed")
 
 
 def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> list[float]:
@@ -175,10 +175,10 @@ def _rest(rates: Array) -> Array:
 def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
     """When the estimator knew where it is and how it lies, and what tells; the flight's begin where it always did."""
     best, why = flight.start, ""
-    texts = [said for said in flight.texts if said.t < takeoff and _STARTING.match(said.text)]
+    texts = [one for one in flight.texts if one.t < takeoff and _STARTING.match(one.text)]
     if texts:
         best, why = texts[-1].t, texts[-1].text
-        if not any("using GPS" in said.text for said in texts) and any(_RECEIVER.match(t.text) for t in flight.texts):
+        if not any("using GPS" in one.text for one in texts) and any(_RECEIVER.match(t.text) for t in flight.texts):
             best, why = takeoff, "the estimator does not use the GPS yet"
     estimator = flight.series.get("estimator")
     if estimator is not None and "flags" in estimator.columns:
@@ -187,8 +187,8 @@ def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
         placed = (flags & check.ATTITUDE_VALID != 0) & (flags & check.POSITION_VALID != 0)
         valid = placed if placed.any() else flags & check.ATTITUDE_VALID != 0
         if valid.any():
-            told = "the estimator's flags: " + ("position" if placed.any() else "attitude")
-            best, why = (flight.start, "") if valid[0] else (float(t[valid][0]), told)
+            reason = "the estimator's flags: " + ("position" if placed.any() else "attitude")
+            best, why = (flight.start, "") if valid[0] else (float(t[valid][0]), reason)
     young = why or flight.start < healthy.EKF_YOUNG_S
     if young and (settled := _settled(flight, min(takeoff, flight.start + healthy.EKF_YOUNG_S))) > best:
         best, why = settled, "the heading turns at rest"

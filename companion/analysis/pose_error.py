@@ -128,11 +128,11 @@ def expected_since_anchor(
         return None
     t = comparison.track.t
     steps = np.linspace(0.0, 1.0, num.POSE_POINTS // len(shown.anchors)) ** 1.5
-    wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
+    times = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
-    end = np.maximum(nearest(t, wanted.ravel()), start)
+    end = np.maximum(nearest(t, times.ravel()), start)
     allowed = budget(comparison, Windows(0.0, start, end, {}), figures, autopilot)
-    times = t[end].reshape(wanted.shape).copy()
+    times = t[end].reshape(times.shape).copy()
     times[:-1, -1] -= 1e-6  # the last before the next anchor
     times, first = np.unique(times.ravel(), return_index=True)
     return Expectation(times, allowed.total[first])

@@ -9,6 +9,10 @@ probability p that it is still there, and what each later piece says of it is we
 u: its size as measured while the piece still had its onset, d: the sensor's error now minus that before the onset. It
 is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
 (noise, a deviation of the estimate) is over when enough has been judged in which it would have been found.
+
+Whether an IMU reads what it is accused of: what has only begun may be taken for something that cannot be.
+
+What an IMU reads too much by a piece of a flight: before a time, and at its end.
 """
 
 from __future__ import annotations
@@ -24,14 +28,88 @@ from companion.analysis.fault_interval import (
     fault_intervals,
     percent,
     probability_by_imu,
+    share_at,
 )
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
-from companion.analysis.measured_error import Reading, reads
 from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
-from companion.estimation import KINDS, BestEstimate, kind_of, probabilities, times_of_change
-from companion.model import Array, Flight
+from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
+from companion.model import STANDARD_GRAVITY, Array, Flight
+
+Reading = tuple[Array, Array]
+"""(m,) what a sensor reads too much, and 1σ of it."""
+
+
+def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
+    """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
+
+    None where it is no error that is measured so.
+    """
+    if best is None or not cause.kind.endswith(("_bias", "_scale")) or cause.sensor not in BIAS_UNITS:
+        return None
+    if cause.imu is not None and cause.imu != best.imu.instance:
+        return _apart(cause, flight, best, until)
+    if cause.kind.endswith("_bias"):
+        value = np.median(getattr(best.states, cause.kind), axis=0)
+        variance = np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2
+    else:
+        place, _ = CONSTANTS[f"{cause.sensor}_matrix"]
+        value, variance = best.states.constants[place][::4], best.constants_sigma[place][::4] ** 2  # of the diagonal
+    for part in (one for one in best.explained if one.kind == cause.kind and one.imu is None):
+        share = share_at(part, float(best.t[-1]))
+        if until is None or part.onset < until - check.NEAR_S:
+            value, variance = value + share * part.size, variance + (share * part.sigma) ** 2
+    return value, np.sqrt(variance)
+
+
+def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None) -> Reading | None:
+    """What another IMU reads more than that of the estimate: by means of seconds, from which true motion cancels."""
+    other = next((track for track in flight.imus.values() if track.instance == cause.imu and len(track) > 1), None)
+    if other is None or cause.kind.endswith("_scale"):
+        return None
+    means = []
+    for track in (other, best.imu):
+        second = np.floor(track.t).astype(np.intp)
+        which, first, count = np.unique(second, return_index=True, return_counts=True)
+        readings = track.gyro if cause.sensor == "gyro" else track.accel
+        means.append((which, np.add.reduceat(readings, first) / count[:, None]))
+    both, i, j = np.intersect1d(means[0][0], means[1][0], assume_unique=True, return_indices=True)
+    apart = means[0][1][i] - means[1][1][j]
+    chosen = apart[-round(num.JUDGED_S) :] if until is None else apart[both + 1 < until]
+    if len(chosen) < 2:
+        return None
+    return chosen.mean(axis=0), chosen.std(axis=0) / np.sqrt(len(chosen))
+
+
+def believable(verdict: Verdict, flight: Flight) -> Verdict:
+    """The verdict without an accelerometer that is off by more than gravity, and does not read so.
+
+    A vehicle that leans may hide less than that from it. What has just begun may look so: a position that has jumped by
+    50 m two seconds ago, as a push of 25 m/s².
+    """
+    absurd = [f for f in verdict.findings if f.severity == "error" and _does_not_read(stated_cause(f), flight)]
+    if not absurd:
+        return verdict
+    left = tuple(f for f in verdict.findings if f not in absurd)
+    if any(f.severity == "error" and f.side != "data" for f in left):
+        return replace(verdict, findings=left)
+    since = f"{absurd[0].start_s:.1f} s"
+    words = f"the sensors differ since {since}, and it is not known yet which of them is wrong"
+    return Verdict("insufficient_data", f"Cannot tell: {words}.", left, probability=verdict.probability)
+
+
+def _does_not_read(cause: Cause, flight: Flight) -> bool:
+    """Whether it says of an accelerometer what its readings do not show."""
+    if cause.kind != "accel_bias" or cause.size is None or cause.size < STANDARD_GRAVITY:
+        return False
+    track = next((one for one in flight.imus.values() if cause.imu in (None, one.instance)), flight.imu())
+    after = track.t > cause.onset_s
+    if not after.any() or after.all():
+        return False
+    changed = float(np.linalg.norm(track.accel[after].mean(axis=0) - track.accel[~after].mean(axis=0)))
+    return changed < cause.size - STANDARD_GRAVITY
+
 
 _SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
 _WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
@@ -121,11 +199,11 @@ def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Ver
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
     first = up[0]
     side = first.cause.side
-    told = headline_of(first.finding).replace(" to the end", " until now")
+    headline = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
     more = f", and {len(up) - 1} more" if len(up) > 1 else ""
     return replace(
-        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {told}{sure}{more}.", cause=first.cause
+        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {headline}{sure}{more}.", cause=first.cause
     )
 
 

@@ -1,4 +1,7 @@
-"""Which of the two is wrong: the sentence above everything that the analysis says about one IMU of a flight."""
+"""Which of the two is wrong: the sentence above everything that the analysis says about one IMU of a flight.
+
+Faults that would do harm and that a flight is too short, too calm or too noisy to show.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,31 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.agreement import Agreement
-from companion.analysis.fault_interval import percent
+from companion.analysis.agreement import Agreement, too_few_windows, unseen, would_show
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.undetected import harmful_undetected
-from companion.analysis.without_windows import too_few_windows, unseen, would_show
 from companion.constants import num, priors
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, kind_of
 from companion.model import brief
+
+
+def harmful_undetected(best: BestEstimate) -> list[str]:
+    """Biases of the IMU between what is harmful and what the flight would have shown: "a gyro bias of 5.0-5.9 mrad/s".
+
+    Those of GPS and compass only mislead where the autopilot follows them, and then it deviates from the best estimate.
+    """
+    out = []
+    for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
+        kind = kind_of(f"{sensor}_bias")
+        shown = best.detectable.get(kind.name, kind.harmful("step"))
+        low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
+        if high != low:
+            out.append(f"{_ARTICLE[sensor]} {SENSORS[sensor]} bias of {low}-{high} {unit}")
+    return out
+
+
+_ARTICLE = {"gyro": "a", "accel": "an"}
+
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -81,8 +101,8 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
     if causes:
         first = _first(causes)
-        told = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
-        return Verdict("autopilot_suspect", told, findings, stated_cause(first))
+        summary = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
+        return Verdict("autopilot_suspect", summary, findings, stated_cause(first))
     doubt = next((f.evidence for f in findings if f.undecided), agreement)
     return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
 
@@ -121,9 +141,9 @@ def _decided(
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = stated_cause(first)
-        told = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
-        told += _all_the_same(judged, source)
-        return Verdict(status, told, findings, cause)
+        summary = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        summary += _all_the_same(judged, source)
+        return Verdict(status, summary, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
@@ -131,9 +151,9 @@ def _decided(
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
     how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
-    told = f"{fallen}{who} agree within the expected error ({how}{sure})."
-    told += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
-    return Verdict("consistent", told + _not_verified(best), findings)
+    summary = f"{fallen}{who} agree within the expected error ({how}{sure})."
+    summary += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
+    return Verdict("consistent", summary + _not_verified(best), findings)
 
 
 def _how_sure(cause: Cause) -> str:
@@ -173,8 +193,10 @@ def _stated_probabilities(probability: Mapping[str, float]) -> list[tuple[str, f
     if not probability:
         return []
     whose, share = max(probability.items(), key=lambda pair: pair[1])
-    told = "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
-    return [(told, share)]
+    summary = (
+        "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
+    )
+    return [(summary, share)]
 
 
 _NAMES = {"gps": "GPS", "imu": "IMU"}

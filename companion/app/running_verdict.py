@@ -96,9 +96,9 @@ class RunningVerdict:
 
     def read(self, vehicle: str = "", *, silent: bool = False) -> LiveVerdict:
         """What is said of a vehicle, with its age; "": of the first. silent: whether nothing comes on the link now."""
-        said = self._verdicts  # replaced as a whole, never changed
-        first = next(iter(said.values()))
-        one = said.get(vehicle, LiveVerdict("", f"vehicle {vehicle} is not judged yet")) if vehicle else first
+        verdicts = self._verdicts  # replaced as a whole, never changed
+        first = next(iter(verdicts.values()))
+        one = verdicts.get(vehicle, LiveVerdict("", f"vehicle {vehicle} is not judged yet")) if vehicle else first
         age_s = max(time.monotonic() + self._ahead - one.newest, 0.0) if one.newest else 0.0
         return replace(one, age_s=age_s, silent=silent)
 
@@ -148,9 +148,9 @@ class RunningVerdict:
         assert self._process.stdout is not None
         with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # it has ended, perhaps in a sentence
             while True:
-                said: LiveVerdict = pickle.load(self._process.stdout)
+                verdict: LiveVerdict = pickle.load(self._process.stdout)
                 known = {who: one for who, one in self._verdicts.items() if who and self._several}
-                self._verdicts = {**known, said.vehicle: said} if said.vehicle or not known else known
+                self._verdicts = {**known, verdict.vehicle: verdict} if verdict.vehicle or not known else known
 
 
 def _send(stream: IO[bytes], one: object) -> None:

@@ -6,14 +6,8 @@ from math import comb, log, radians
 OVERSHOOT = 2.0  # times what misled it: a height that is off by more has another cause
 NEAR_S = 5.0  # a fault and an estimator's deviation so close in time may be one event: onsets are blurred
 CERTAIN_SIGMAS = 4.0  # σ of both together, from which on a deviation surely follows what misled the estimator
-NOTICED_S = 20.0  # after its onset a deviation may be noticed so late
 SUDDEN_S = 1.0  # one that begins with a step of
 SUDDEN = 0.5  # so much of itself need not last longer
-DEVIATION_ONSET = 0.25  # of a deviation's peak, from where it rose
-DEAD_RECKONED_S = 10.0  # for so long an IMU tells a velocity and a position
-RATE_LAG_RPS = 0.1  # of turn, and
-RATE_LAG_CHANGES = 10  # changes that tell of a lag
-RATE_LAG_S = 0.1
 WELL_KNOWN = 0.5  # of what a healthy estimator may be off by: an estimate known so well is judged as it is
 KNOWN_BETTER = 0.5  # of the σ of a heading: that of its change, where the change is known far better
 HEARTBEAT_S = 1.0  # in which a vehicle reports once whether it is armed, and that it is there
@@ -82,6 +76,9 @@ REST_BLOCK_SAMPLES = 5
 REST_MIN_S = 3.0
 REST_QUIETEST = 5.0  # percentile of the blocks that is as quiet as this IMU gets
 REST_CLUSTER_S = 0.25  # over which noise is averaged: filters make neighbouring samples alike
+
+# Lanes of the estimator
+SWITCH_JUDGED_S = 20.0  # after a change of lane, or until the next, over which both are compared
 
 # The seconds around an incident
 INCIDENT_BEFORE_S = 30.0

@@ -3,14 +3,14 @@
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
-from companion.estimation.clipping import clip_counters
 from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
-from companion.estimation.explanations import KINDS, Kind, kind_of
-from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
+from companion.estimation.explanations import KINDS, Kind, Size, kind_of, main_axis, turn_of_the_field
+from companion.estimation.gaps import clip_counters
+from companion.estimation.low_pass import restored
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,
@@ -38,7 +38,6 @@ from companion.estimation.noise_density import (
     sampling_of,
     white_noise,
 )
-from companion.estimation.phrases import Size, main_axis, turn_of_the_field
 from companion.estimation.rest import at_rest
 from companion.estimation.search import times_of_change
 from companion.estimation.shapes import SLOPED, activation
@@ -90,14 +89,12 @@ __all__ = [
     "chi_square",
     "clip_counters",
     "confirmed_sampling",
-    "coning",
     "corrected",
     "differences",
     "field_at",
     "folded_gain",
     "folded_onto",
     "harmful",
-    "hides_shaking",
     "imu_spectrum",
     "kind_of",
     "main_axis",
@@ -110,7 +107,6 @@ __all__ = [
     "restored",
     "righted",
     "sampling_of",
-    "shaking",
     "smooth",
     "stretches",
     "times_of_change",

@@ -73,8 +73,8 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
     for (moved, read), noise in zip(motion, map(min, noises), strict=True):
         square = (read[plain] ** 2).sum(axis=0)
-        heard = square > num.AXIS_SIGNAL_SIGMAS**2 * noise**2 * (1.0 / seconds[plain]).sum()
-        parts.append(np.where(heard, (moved * read)[plain].sum(axis=0) / np.maximum(square, 1e-300), 1.0))
+        above_noise = square > num.AXIS_SIGNAL_SIGMAS**2 * noise**2 * (1.0 / seconds[plain]).sum()
+        parts.append(np.where(above_noise, (moved * read)[plain].sum(axis=0) / np.maximum(square, 1e-300), 1.0))
     return parts[0], parts[1]
 
 

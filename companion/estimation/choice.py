@@ -109,8 +109,8 @@ def _from_differences(problem: Problem, choice: Choice) -> tuple[Array, Array]:
     b, v = np.zeros(1), np.full(1, (choice.kind.prior / float(reached[0])) ** -2.0)
     if (one := choice.error) is not None and choice.imu is None and problem.others:
         times = np.array([one.onset]), np.array([one.end])
-        told, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times)
-        b, v = told[0], v + np.diagonal(information[0])
+        gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times)
+        b, v = gradient[0], v + np.diagonal(information[0])
         if choice.axis >= 0:
             b, v = b[choice.axis : choice.axis + 1], v[choice.axis : choice.axis + 1]
     signature = choice.of(problem)

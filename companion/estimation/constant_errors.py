@@ -41,12 +41,12 @@ def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
     middle = float(0.5 * (problem.t[0] + problem.t[-1]))
     count = int(np.searchsorted(problem.t, middle, side="right"))
     motion = Motion(*(getattr(problem.motion, part.name)[: count - 1] for part in fields(Motion)))
-    heard = []
+    measurements = []
     for one in problem.measurements:
         until = int(np.searchsorted(one.keyframe, count))
         rows = ("t", "keyframe", "residual", "states", "constants", "sigma", "weight")
-        heard.append(replace(one, **{name: getattr(one, name)[:until] for name in rows}))
-    solution = solve(count, motion, heard, linear.prior)
+        measurements.append(replace(one, **{name: getattr(one, name)[:until] for name in rows}))
+    solution = solve(count, motion, measurements, linear.prior)
     part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias", "slow")
     begun = replace(states, **{name: getattr(states, name)[:count] for name in part})
     return middle, constant_errors(begun.moved(solution.x, solution.c), solution)

@@ -41,7 +41,7 @@ class Differences:
     t: Array  # (B,) s, boot clock, middles
     width: float  # s
     value: Mapping[str, Array]  # (B, 3)
-    felt: Mapping[str, Array]  # (B, 3) what the slower of the two reads
+    slower: Mapping[str, Array]  # (B, 3) what the slower of the two reads
     aliased: Mapping[str, Array]  # (3,) 1σ of what vibration that its samples fold down may read like all the time
     weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
 
@@ -93,9 +93,9 @@ class Differences:
             share = share / self.width
         if what != "scale":
             return np.asarray(np.broadcast_to(share, (3, *share.shape)))
-        felt = self.felt[sensor]
-        felt = felt * (np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[sensor])
-        return np.asarray(share * felt.T[:, None, :])
+        slower = self.slower[sensor]
+        slower = slower * (np.sqrt((slower**2).mean(axis=0)) > harm.LIVELY[sensor])
+        return np.asarray(share * slower.T[:, None, :])
 
 
 def differences(
@@ -117,8 +117,8 @@ def score_of_own(
     others: Sequence[Differences], sensor: str, what: str, shape: str, onset: Array, end: Array
 ) -> tuple[Array, Array]:
     """What differences (one at least) tell of errors of the estimate's own IMU: b (T, 3), V (T, 3, 3)."""
-    told = [one.score(sensor, what, shape, onset, end) for one in others]
-    return np.asarray(-sum(b for b, _ in told)), np.asarray(sum(v for _, v in told))
+    scores = [one.score(sensor, what, shape, onset, end) for one in others]
+    return np.asarray(-sum(b for b, _ in scores)), np.asarray(sum(v for _, v in scores))
 
 
 def _difference(
@@ -147,16 +147,16 @@ def _difference(
     if whole.sum() < num.DIFF_MIN_BLOCKS:
         return None
     spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
-    value, felt, aliased, weight, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
+    value, slower, aliased, weight, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
     for sensor in ("gyro", "accel"):
         read = getattr(slow, sensor)[inside]
         off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
         value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
-        felt[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
+        slower[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
         scatter = np.array([off[first:last].std(axis=0) for first, last in spans])
         aliased[sensor] = healthy.ALIASED * np.median(scatter, axis=0)
         weight[sensor] = _weight(sensor, middle, value[sensor], scatter)
-    return Differences(other.instance, other.source, middle, width, value, felt, aliased, weight)
+    return Differences(other.instance, other.source, middle, width, value, slower, aliased, weight)
 
 
 def _mean(values: Array) -> Array:
@@ -188,8 +188,8 @@ def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
     weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
-    heard = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
-    for part in np.unique(heard):
-        total = weight[:, :, heard == part].sum(axis=2)
-        weight = weight - total[:, :, None] * total[:, None, :] / total[:, heard == part].sum(axis=1)[:, None, None]
+    stretch = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
+    for part in np.unique(stretch):
+        total = weight[:, :, stretch == part].sum(axis=2)
+        weight = weight - total[:, :, None] * total[:, None, :] / total[:, stretch == part].sum(axis=1)[:, None, None]
     return np.asarray(weight)

@@ -215,11 +215,11 @@ def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: 
     in 95 % of flights. cell: prior probability of the times about an onset. reached: of what grows, how much of a unit.
     """
     sigma = kind.prior / reached
-    asked = 2.0 * (priors.ACCUSED_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
-    asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
+    threshold = 2.0 * (priors.ACCUSED_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
+    threshold = np.maximum(threshold + np.log1p(information * sigma**2), 0.0)
     known = 1.0 / np.sqrt(np.maximum(information, 1e-300))
     harmful = kind.harmful(shape) / reached + 2.0 * num.Z_95 * known
-    return np.asarray(np.maximum((np.sqrt(asked) + num.Z_95) * known, harmful))
+    return np.asarray(np.maximum((np.sqrt(threshold) + num.Z_95) * known, harmful))
 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:

@@ -2,6 +2,8 @@
 
 An explanation has a few unknown numbers u (a step of the gyro's bias: three) that would change the residuals of some
 factors by S u from its onset on.
+
+How the size of what went wrong is said in words: the phrases that the rows of `explanations.KINDS` are made of.
 """
 
 from __future__ import annotations
@@ -14,11 +16,81 @@ import numpy as np
 from companion.constants import harm, healthy, num, priors
 from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
-from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
 from companion.strapdown import quaternion, skew
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Size:
+    """How large something was at its greatest, in its kind's unit."""
+
+    value: Array  # (m,)
+    sigma: float  # 1σ of its length
+    earth_field: Array  # (3,) NED, µT
+
+    @property
+    def magnitude(self) -> float:
+        """Its length."""
+        return float(np.linalg.norm(self.value))
+
+
+Phrase = Callable[[Size], str]
+
+
+def main_axis(value: Array) -> str:
+    """The one axis of the body, of three, that is off; "" where several are."""
+    worst = int(np.argmax(np.abs(value)))
+    return "xyz"[worst] if np.linalg.norm(np.delete(value, worst)) < 0.2 * abs(value[worst]) else ""
+
+
+def by_axes(sensor: str, unit: str, factor: float, decimals: int) -> Phrase:
+    """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
+
+    def phrase(size: Size) -> str:
+        parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
+        spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
+        if axis := main_axis(size.value):
+            return f"{sensor} {axis} bias {parts['xyz'.index(axis)]} {spread}"
+        return f"{sensor} bias ({', '.join(parts)}) {spread}"
+
+    return phrase
+
+
+def by_length(what: str, unit: str) -> Phrase:
+    """'the GPS position is off by up to 9.1 ± 1.2 m (north 8.0, east 4.3)'."""
+
+    def phrase(size: Size) -> str:
+        parts = "" if len(size.value) < 2 else f" (north {size.value[0]:.1f}, east {size.value[1]:.1f})"
+        return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{parts}"
+
+    return phrase
+
+
+def by_number(words: str, factor: float = 1.0) -> Phrase:
+    """Words with a place for the number, of several its magnitude, and one for its σ, both times the factor."""
+
+    def phrase(size: Size) -> str:
+        number = size.magnitude if len(size.value) > 1 else float(size.value[0])
+        return words.format(number * factor, size.sigma * factor)
+
+    return phrase
+
+
+def turn_of_the_field(size: Size) -> tuple[float, float]:
+    """By how much the horizontal field turns, and so the heading: rad, 1σ."""
+    field = size.earth_field[:2]
+    changed = field + size.value[:2]
+    angle = np.arctan2(field[0] * changed[1] - field[1] * changed[0], field @ changed)
+    return float(angle), size.sigma / max(float(np.linalg.norm(field)), 1e-9)
+
+
+def by_turn_of_the_field(size: Size) -> str:
+    """'the compass's field turns by 45 ± 2°'."""
+    angle, spread = np.degrees(turn_of_the_field(size))
+    return f"the compass's field turns by {angle:.0f} ± {spread:.0f}°"
+
 
 _SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
 _DEGREES = float(np.degrees(1.0))
@@ -57,7 +129,7 @@ class Problem:
         """The measurements of an aiding sensor."""
         return next((one for one in self.measurements if one.name == name), None)
 
-    def told_often(self, name: str) -> Measurement | None:
+    def well_observed(self, name: str) -> Measurement | None:
         """The same of an aiding sensor that was heard often enough to show a change; None otherwise."""
         one = self.measurement(name)
         return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
@@ -159,15 +231,15 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
         lasted = np.diff(problem.t)[:, None]
         q = problem.q_ned_frd
         if block == GYRO_BIAS:
-            felt = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
+            measured = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
         else:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
-            felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
+            measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
         lively = (
-            np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+            np.sqrt((measured**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
         )  # else it is the noise that is scaled
-        out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
+        out[:, :9] = problem.motion.transition[:, :9, block] * (measured * lively)[:, None, :]
         return Signature(out, {})
 
     return signature
@@ -188,7 +260,7 @@ def _shift(*names: str) -> Callable[[Problem], Signature | None]:
     """Measurements that are off by u, all their components."""
 
     def signature(problem: Problem) -> Signature | None:
-        one = problem.told_often(names[0])
+        one = problem.well_observed(names[0])
         if one is None:
             return None
         return Signature(None, {one.name: np.tile(np.eye(one.residual.shape[1]), (len(one.t), 1, 1))})
@@ -211,7 +283,7 @@ def _late(problem: Problem) -> Signature | None:
 
 def _field(problem: Problem) -> Signature | None:
     """A field whose horizontal part is another in NED: the compass, or the iron around it, has turned."""
-    one = problem.told_often("compass")
+    one = problem.well_observed("compass")
     if one is None:
         return None
     matrix = quaternion.to_matrix(problem.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
@@ -220,7 +292,7 @@ def _field(problem: Problem) -> Signature | None:
 
 def _rotation(problem: Problem) -> Signature | None:
     """A compass turned by u in its mounting: what it reads changes by u × the field in the body."""
-    one = problem.told_often("compass")
+    one = problem.well_observed("compass")
     if one is None:
         return None
     of_matrix = one.constants[:, :, CONSTANTS["soft_iron"][0]]

@@ -5,6 +5,11 @@ search does. All scores are linear in r, so one solution for the noise and one f
 size. The minimal identifiable bias is the size whose side is accused in 95 % of the data sets (P. J. G. Teunissen 2018;
 S. Zaminpardaz, P. J. G. Teunissen 2019). What an undetected fault does to the states, dx = (J' W J)⁻¹ J' W S u, is the
 external reliability (W. Baarda 1968).
+
+Data sets of a linear problem: noise as it states it, and faults of size one, at known times.
+
+A data set is what all factors read: the residuals of the motion and of every sensor, those of the priors, and what
+other IMUs read more. The solution, and every score, is linear in it.
 """
 
 from __future__ import annotations
@@ -17,14 +22,170 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num, priors
-from companion.estimation.evidence import Trial, probabilities_of_each
+from companion.estimation.block_tridiagonal import roots
+from companion.estimation.differences import Differences
+from companion.estimation.evidence import Trial, least_found, probabilities_of_each
 from companion.estimation.explanations import KINDS, Kind, Problem
-from companion.estimation.injected import DataSets, Fault, injected, noise
 from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
-from companion.estimation.search import Cells, at_times, full_grid, of_other_imus, on_cuts
-from companion.estimation.shapes import ENDING
+from companion.estimation.scan import score
+from companion.estimation.search import Cells, at_times, detectable, full_grid, of_other_imus, on_cuts, times_of_change
+from companion.estimation.shapes import ENDING, activation
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DataSets:
+    """N data sets."""
+
+    motion: Array  # (K-1, n, N)
+    measured: tuple[Array, ...]  # of every sensor (M, d, N)
+    prior: tuple[Array, Array]  # (n, N) and (C, N), times their information
+    apart: tuple[Mapping[str, Array], ...]  # of every other IMU, by sensor (B, 3, N)
+
+    def __len__(self) -> int:
+        return int(self.motion.shape[-1])
+
+    @classmethod
+    def joined(cls, parts: Sequence[DataSets]) -> DataSets:
+        """One after the other."""
+
+        def together(values: Sequence[Array]) -> Array:
+            return np.concatenate(values, axis=-1)
+
+        first = parts[0]
+        return cls(
+            together([one.motion for one in parts]),
+            tuple(together(each) for each in zip(*(one.measured for one in parts), strict=True)),
+            (together([one.prior[0] for one in parts]), together([one.prior[1] for one in parts])),
+            tuple(
+                {name: together([one.apart[i][name] for one in parts]) for name in own}
+                for i, own in enumerate(first.apart)
+            ),
+        )
+
+    def solved(self, problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
+        """A problem that reads these, and its solution."""
+        x, c = solution.redrawn(self.motion, list(zip(problem.measurements, self.measured, strict=True)), self.prior)
+        motion = replace(problem.motion, residual=self.motion)
+        read = zip(problem.measurements, self.measured, strict=True)
+        apart = zip(problem.others, self.apart, strict=True)
+        shown = replace(
+            problem,
+            motion=motion,
+            measurements=tuple(replace(one, residual=own) for one, own in read),
+            others=tuple(replace(one, value=own) for one, own in apart),
+        )
+        return shown, replace(solution, motion=motion, x=x, c=c)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fault:
+    """A kind of fault of size one at several times."""
+
+    kind: Kind
+    shape: str
+    lasts: float  # s, that it grows for; 0 for a step
+    onset: Array  # (O,) s
+    end: Array  # (O,)
+    direction: Array  # (m,), of a creep per second
+    size: float  # that is detectable
+
+    def alone(self, problem: Problem) -> DataSets:
+        """Nothing but itself, at each of its times."""
+        signature = self.kind.signature(problem)
+        assert signature is not None
+        sets = len(self.onset)
+
+        def column(columns: Array, shape: str, start: Array, stop: Array) -> Array:
+            share = activation(shape, self.onset, self.end, start, stop).T
+            return (columns @ self.direction)[..., None] * share[:, None, :]
+
+        motion = np.zeros((*problem.motion.transition.shape[:2], sets))
+        if signature.motion is not None:
+            motion = -column(signature.motion, self.shape, problem.t[:-1], problem.t[1:])
+        measured = [np.zeros((*one.residual.shape, sets)) for one in problem.measurements]
+        for i, one in enumerate(problem.measurements):
+            if one.name in signature.measurements:
+                shape = self.kind.shape_at(one.name, self.shape)
+                measured[i] = column(signature.measurements[one.name], shape, one.t, one.t)
+        states, constants = problem.motion.constants.shape[1:]
+        nothing = np.zeros((states, sets)), np.zeros((constants, sets))
+        return DataSets(motion, tuple(measured), nothing, tuple(self._apart(one) for one in problem.others))
+
+    def _apart(self, other: Differences) -> dict[str, Array]:
+        """(B, 3, O) by sensor: what another IMU reads more than the one with the fault."""
+        apart = {name: np.zeros((len(other.t), 3, len(self.onset))) for name in other.value}
+        if self.kind.side == "imu":
+            columns = other.columns(self.kind.sensor, self.kind.error, self.shape, self.onset, self.end)
+            apart[self.kind.sensor] = -columns.transpose(2, 0, 1) * self.direction[:, None]
+        return apart
+
+
+def injected(
+    problem: Problem, solution: Solution, kinds: Sequence[Kind] = KINDS
+) -> tuple[tuple[Fault, ...], tuple[str, ...]]:
+    """Kinds as faults along the axis that the flight tells least of, and those that it cannot show; no nuisances.
+
+    In the middle of the flight. Of an IMU a step, of an aiding sensor what `num.CREEPS` says, else a step.
+    """
+    faults, not_shown, known = list[Fault](), list[str](), detectable(problem, solution)
+    t, (first, last) = problem.t, times_of_change(problem.t)
+    cell, hours = float(np.median(np.diff(t))) / (last - first), float(t[-1] - t[0]) / 3600.0
+    for kind in (one for one in kinds if not one.nuisance):
+        lasts = num.CREEPS.get(kind.name, 0.0)
+        shape = "creep" if lasts else "step"
+        possible = t[(t >= first) & (t <= last - lasts)]
+        if not len(possible):
+            continue
+        middle = t[0] + np.linspace(*num.INJECTED_MIDDLE, num.INJECTED_ONSETS) * (t[-1] - t[0]) - 0.5 * lasts
+        onset = possible[np.minimum(np.searchsorted(possible, middle), len(possible) - 1)]
+        end = onset + (lasts or np.inf)
+        scores = score(problem, solution, kind, shape, onset, end)
+        if scores is None:
+            continue
+        direction, information = _least_known(kind, np.median(scores[1], axis=0))
+        grown = lasts or 1.0
+        size = grown * float(least_found(np.array([information]), kind, shape, hours, cell, grown)[0])
+        size = known.get(kind.name, max(size, kind.harmful(shape)))
+        if size > min(kind.most, num.INJECTED_SIGMAS * kind.prior):
+            not_shown.append(kind.name)
+        else:
+            faults.append(Fault(kind, shape, lasts, onset, end, direction / grown, size))
+    return tuple(faults), tuple(not_shown)
+
+
+def _least_known(kind: Kind, v: Array) -> tuple[Array, float]:
+    """The direction (m,) of which information V (m, m) tells least, and how much: of an IMU one of its axes."""
+    if kind.side != "imu":
+        values, vectors = np.linalg.eigh(v)
+        return vectors[:, 0], float(max(values[0], 0.0))
+    own = np.diagonal(v)
+    axis = int(np.argmin(np.where(own > num.UNSEEN_INFORMATION * own.max(), own, np.inf)))
+    return np.eye(len(v))[axis], float(own[axis])
+
+
+def noise(problem: Problem, prior: Prior, rng: np.random.Generator, count: int) -> DataSets:
+    """Nothing but the noise that the problem states."""
+    weight = problem.motion.weight
+    motion = roots(weight).swapaxes(-1, -2) @ rng.standard_normal((*weight.shape[:2], count))
+    measured = tuple(
+        rng.standard_normal((*one.residual.shape, count)) / np.sqrt(np.maximum(one.information, 1e-300))[..., None]
+        for one in problem.measurements
+    )
+    believed = (prior.sigma, prior.constants_sigma)
+    of_states, of_constants = (rng.standard_normal((len(own), count)) / own[:, None] for own in believed)
+    apart = ({name: _drawn(rng, own, count) for name, own in one.weight.items()} for one in problem.others)
+    return DataSets(motion, measured, (of_states, of_constants), tuple(apart))
+
+
+def _drawn(rng: np.random.Generator, weight: Array, count: int) -> Array:
+    """(B, 3, N) differences with an inverse covariance (3, B, B); nothing of what is free."""
+    values, vectors = np.linalg.eigh(0.5 * (weight + weight.swapaxes(-1, -2)))
+    known = values > num.UNSEEN_INFORMATION * values[:, -1:]
+    root = np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
+    return np.asarray((vectors @ (root[..., None] * rng.standard_normal((*root.shape, count)))).swapaxes(0, 1))
+
 
 _IN_DOUBT, _CANNOT_TELL, _NOBODY = "perhaps harmless", "cannot tell", "nobody"
 
@@ -55,17 +216,17 @@ def confusion_matrix(
 def _identifiable(experiment: Experiment, fault: int, near: Judgement) -> float | None:
     """The size from which on a fault is told from its rivals; near: what it is called where it is detectable."""
     least = experiment.faults[fault].size
-    if near.told >= num.IDENTIFIABLE_SHARE[0]:
+    if near.accused >= num.IDENTIFIABLE_SHARE[0]:
         return least
     cells = [one.at(some) for one, some in zip(experiment.cells, near.counts, strict=True) if some.any()]
-    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).told < num.IDENTIFIABLE_SHARE[0]:
+    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).accused < num.IDENTIFIABLE_SHARE[0]:
         return None
     low, high = 0.0, float(np.log(num.IDENTIFIABLE_MOST))
     for _ in range(num.IDENTIFIABLE_HALVINGS):
         middle = 0.5 * (low + high)
-        told = experiment.judged(fault, least * np.exp(middle), cells).told
-        low, high = (low, middle) if told >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
-        if num.IDENTIFIABLE_SHARE[0] <= told <= num.IDENTIFIABLE_SHARE[1]:
+        accused = experiment.judged(fault, least * np.exp(middle), cells).accused
+        low, high = (low, middle) if accused >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
+        if num.IDENTIFIABLE_SHARE[0] <= accused <= num.IDENTIFIABLE_SHARE[1]:
             break
     return float(least * np.exp(high))
 
@@ -75,7 +236,7 @@ class Judgement:
     """What data sets are called."""
 
     called: Mapping[str, float]  # kind, "cannot tell", "nobody" → share
-    told: float  # share in which the side of the fault is accused
+    accused: float  # share in which the side of the fault is accused
     counts: Sequence[npt.NDArray[np.bool_]]  # of every hypothesis (T,): the times that count in any data set
 
 
@@ -101,8 +262,10 @@ class Experiment:
         kinds: Sequence[Kind] = KINDS,
     ) -> Experiment:
         """The same of a linear problem, its solution and its prior."""
-        heard = tuple(replace(one, t=problem.t[one.keyframe]) for one in problem.measurements)  # as the scan has them
-        problem = replace(problem, measurements=heard)
+        measurements = tuple(
+            replace(one, t=problem.t[one.keyframe]) for one in problem.measurements
+        )  # as the scan has them
+        problem = replace(problem, measurements=measurements)
         faults, not_shown = injected(problem, solution, kinds)
         together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
         chunks, moved = [], list[Array]()

@@ -153,8 +153,8 @@ def learn(
         above = (left**2 * information).sum(axis=1)
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / percentile(one.sigma.ravel() / scale[one.name], 50.0)
-        told = _telling(still[one.keyframe])
-        step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name))
+        moving = _telling(still[one.keyframe])
+        step = _further(0.5 * np.log(_typical(above[moving], below[moving])), before.get(one.name))
         bounds = limits.get(one.name, (min(least, 1.0), num.AIDING_MAX_SCALE))
         learned[one.name], change[one.name] = _changed(scale[one.name], step, bounds)
     wandering: dict[str, float] = {}
@@ -284,11 +284,11 @@ def _drawn(linear: Linear) -> Array:
     rng = np.random.default_rng(0)  # any draw serves, and the same log gets the same answer
     motion, solution = linear.motion, linear.solution
     noise = roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1))
-    heard = [
+    drawn = [
         (one, (rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))[..., None])
         for one in linear.measurements
     ]
-    x, c = solution.redrawn(noise, heard)
+    x, c = solution.redrawn(noise, drawn)
     left = noise + motion.transition @ x[:-1] + motion.constants @ c - x[1:]
     return np.asarray((motion.weight @ left)[..., 0])
 

@@ -261,12 +261,12 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
     beside_gap = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
-    heard = (when[:, 2] - when[:, 0] < num.GAP_S) & ~beside_gap  # across a gap the IMU tells nothing
-    velocity *= heard[:, None, None]
-    position *= heard[:, None, None]
+    imu_known = (when[:, 2] - when[:, 0] < num.GAP_S) & ~beside_gap  # across a gap the IMU tells nothing
+    velocity *= imu_known[:, None, None]
+    position *= imu_known[:, None, None]
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, heard, setup.gravity)
+    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, imu_known, setup.gravity)
 
 
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:

@@ -46,37 +46,6 @@ def restored(track: ImuTrack, gaps: BoolArray) -> ImuTrack:
     return replace(track, gyro=gyro, accel=accel)
 
 
-def hides_shaking(track: ImuTrack) -> bool:
-    """Whether some of what the gyro's low-pass took away is not given back: its corner is not known, or not sampled."""
-    corner = track.gyro_low_pass_hz
-    return corner is None or corner > num.RESTORED_OF_RATE * track.rate_hz
-
-
-def coning(track: ImuTrack, begin: float, end: float) -> Array:
-    """(3,) rad/s, the mean rate that shaking adds up to between two times (s), by the gyro: ½ ∫ θ × ω dt."""
-    part = track[slice(*np.searchsorted(track.t, (begin, end)).tolist())]
-    if len(part) < 2:
-        return np.zeros(3)
-    rate, turned = shaking(part)
-    return np.asarray(0.5 * np.cross(turned, rate).mean(axis=0))
-
-
-def shaking(track: ImuTrack) -> tuple[Array, Array]:
-    """(N, 3) rad/s, (N, 3) rad: the rates, and the turns, that are quicker than `num.VEHICLE_MOTION_S`."""
-    span = max(1, min(round(num.VEHICLE_MOTION_S * track.rate_hz), len(track)))
-    rate = _less_its_mean(track.gyro, span)
-    steps = np.diff(track.t)[:, None] * 0.5 * (rate[1:] + rate[:-1])
-    return rate, _less_its_mean(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), span)
-
-
-def _less_its_mean(values: Array, span: int) -> Array:
-    """Values (N, 3) less their mean over so many samples around each, at the ends over those that are there."""
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-    at = np.arange(len(values))
-    first, last = np.maximum(at - span // 2, 0), np.minimum(at + span - span // 2, len(values))
-    return np.asarray(values - (total[last] - total[first]) / (last - first)[:, None])
-
-
 def _corners(track: ImuTrack) -> tuple[float, float] | None:
     """Of gyro and accelerometer, Hz, 0 for none. Where one of both is not known, it is as the other."""
     known = [f for f in (track.gyro_low_pass_hz, track.accel_low_pass_hz) if f is not None]

@@ -103,7 +103,7 @@ class Kinematics:
     when: Array  # (K, 3) s, of the samples, from the keyframe on
     velocity: Array  # (K, 3, 3) NED, m/s, at the samples less that at the keyframe
     position: Array  # (K, 3, 3) NED, m, at the samples less what the velocity at the keyframe makes of it
-    heard: npt.NDArray[np.bool_]  # (K,) whether the IMU is there on both sides; else nothing is felt
+    imu_known: npt.NDArray[np.bool_]  # (K,) whether the IMU is there on both sides; else nothing is felt
     gravity: float
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
@@ -222,14 +222,14 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     """Where the vehicle was, or how fast, when the fix was taken."""
     k = one.keyframe
     lever = states.constant("lever_arm")
-    heard = at.heard[k]  # else a velocity that nobody tells would go with the latency
-    late = one.t - one.late - at.t[k] - np.where(heard, states.constant("gps_latency")[0], healthy.GPS_LATENCY_S)
+    imu_known = at.imu_known[k]  # else a velocity that nobody tells would go with the latency
+    late = one.t - one.late - at.t[k] - np.where(imu_known, states.constant("gps_latency")[0], healthy.GPS_LATENCY_S)
     matrix = quaternion.to_matrix(states.q_ned_frd[k])
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):
         arm = matrix @ lever
-        felt, goes_on = at.moved(at.position, k, late)
-        value = states.position[k] + states.velocity[k] * late[:, None] + felt + arm
+        force_part, goes_on = at.moved(at.position, k, late)
+        value = states.position[k] + states.velocity[k] * late[:, None] + force_part + arm
         value[:, 2] += 0.5 * at.gravity * late**2
         h[:, :, POSITION] = np.eye(3)[rows]
         h[:, :, VELOCITY] = late[:, None, None] * np.eye(3)[rows]
@@ -237,8 +237,8 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
         change[:, 2] += at.gravity * late
     else:
         arm = np.einsum("kij,kj->ki", matrix, quaternion.cross(at.rate[k], lever))
-        felt, goes_on = at.moved(at.velocity, k, late)
-        value = states.velocity[k] + felt + arm
+        force_part, goes_on = at.moved(at.velocity, k, late)
+        value = states.velocity[k] + force_part + arm
         value[:, 2] += at.gravity * late
         h[:, :, VELOCITY] = np.eye(3)[rows]
         h[:, :, GYRO_BIAS] = (matrix @ skew(lever))[:, rows]
@@ -247,8 +247,8 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     h[:, :, ATTITUDE] = -skew(arm)[:, rows]
     # What the IMU felt in between turns with the heading: on a circle a latency is told by nothing else. Its tilt is
     # left to the motion, which has the same noise: of a noisy IMU the fix would tell a tilt that is none.
-    h[:, :, ATTITUDE.stop - 1] -= skew(felt)[:, rows, 2]
-    h_c[:, :, CONSTANTS["gps_latency"][0]] = -(heard[:, None] * change[:, rows])[..., None]
+    h[:, :, ATTITUDE.stop - 1] -= skew(force_part)[:, rows, 2]
+    h_c[:, :, CONSTANTS["gps_latency"][0]] = -(imu_known[:, None] * change[:, rows])[..., None]
     h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]
     return np.asarray(value[:, rows])
 
@@ -268,9 +268,9 @@ def _compass(one: Readings, states: States, path: Preintegration, index: Index, 
     h[:, :, ATTITUDE] = iron @ matrix @ skew(field)
     h_c[:, :, CONSTANTS["earth_field"][0]] = iron @ matrix
     h_c[:, :, CONSTANTS["hard_iron"][0]] = np.eye(3)
-    felt = matrix @ field
-    h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("ij,mk->mijk", np.eye(3), felt).reshape(-1, 3, 9)
+    force_part = matrix @ field
+    h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("ij,mk->mijk", np.eye(3), force_part).reshape(-1, 3, 9)
     across = quaternion.cross(angle, rate)
     rate = rate - quaternion.cross(angle, rate - across / 3.0) / 2.0  # of the body, not of the rotation vector
-    h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ quaternion.cross(rate, felt)[..., None]
-    return np.asarray(felt @ iron.T + states.constant("hard_iron"))
+    h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ quaternion.cross(rate, force_part)[..., None]
+    return np.asarray(force_part @ iron.T + states.constant("hard_iron"))

@@ -145,10 +145,10 @@ def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
     Noise of a sensor at rest is white; where it falls off with frequency as a second-order low-pass does, there is one.
     The mean over an interval cannot be seen: its noise is white.
     """
-    told, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
+    logged, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
     begin = segments(track.t, gap_s, length)
     if len(begin) < 2 * num.NOISE_MIN_SEGMENTS or rate < 4.0 * num.NOISE_MIN_BAND_HZ:
-        return told
+        return logged
     begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
@@ -157,12 +157,12 @@ def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
         power = 0.5 * periodograms(values, begin, rate, length).mean(axis=0)[used] - step**2 / (12.0 * rate)
         clear += [axis for axis in power.T if (axis > step**2 / (12.0 * rate)).all()]
     if not clear:
-        return told
+        return logged
     tried = np.geomspace(0.01 * rate, 0.35 * rate, 60)
     shapes = np.log([folded_gain(f[used], rate, Sampling("filtered", corner_hz=corner)) for corner in tried])
     seen = [tried[best] for axis in clear if (best := _best_shape(axis, shapes, len(begin))) is not None]
     corner = float(np.median(seen)) if len(seen) > len(clear) / 2 else None
-    return _judged(told, corner, rate)
+    return _judged(logged, corner, rate)
 
 
 def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: Sampling) -> float | None:
@@ -198,14 +198,14 @@ def _bandwidth(rate: float, sampling: Sampling) -> float:
     return 1.0 / sampling.interval_s if sampling.interval_s else rate
 
 
-def _judged(told: Sampling, corner: float | None, rate: float) -> Sampling:
-    if told.corner_hz is not None:
-        if told.corner_hz > 0.35 * rate:  # too near to half the rate to be seen
-            return told
-        agrees = corner is not None and 0.5 < corner / told.corner_hz < 2.0
-        return replace(told, confirmed=agrees)
-    if told.kind == "averaged":
-        return replace(told, corner_hz=corner)  # the sensor's own low-pass comes before the mean
+def _judged(logged: Sampling, corner: float | None, rate: float) -> Sampling:
+    if logged.corner_hz is not None:
+        if logged.corner_hz > 0.35 * rate:  # too near to half the rate to be seen
+            return logged
+        agrees = corner is not None and 0.5 < corner / logged.corner_hz < 2.0
+        return replace(logged, confirmed=agrees)
+    if logged.kind == "averaged":
+        return replace(logged, corner_hz=corner)  # the sensor's own low-pass comes before the mean
     if corner is not None:
         return Sampling("filtered", corner_hz=corner, source="spectrum")
     return Sampling("point", source="spectrum")
@@ -225,9 +225,9 @@ def _best_shape(power: Array, shapes: Array, count: int) -> int | None:
     return best if falls else None
 
 
-def _band(rate: float, how: Sampling) -> tuple[float, float] | None:
+def _band(rate: float, sampling: Sampling) -> tuple[float, float] | None:
     """From 3 Hz to half the filter's corner, at most 10 Hz and below half the rate; None where that is too narrow."""
-    fastest = min(num.NOISE_MAX_HZ, max(0.5 * how.corner_hz, 5.0) if how.corner_hz else np.inf, 0.45 * rate)
+    fastest = min(num.NOISE_MAX_HZ, max(0.5 * sampling.corner_hz, 5.0) if sampling.corner_hz else np.inf, 0.45 * rate)
     return (num.VEHICLE_MOTION_HZ, fastest) if fastest - num.VEHICLE_MOTION_HZ >= num.NOISE_MIN_BAND_HZ else None
 
 

@@ -31,9 +31,9 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     steps = (track.gyro_step, track.accel_step)
     for quiet, step, most in zip(spread, steps, healthy.REST_CHANGE, strict=True):
         still &= quiet < min(most, max(healthy.REST_LOUDER * float(np.percentile(quiet, 10.0)), 0.6 * step, 0.2 * most))
-    felt = np.linalg.norm(mean[1], axis=1)
-    still &= np.abs(felt - STANDARD_GRAVITY) < healthy.REST_FORCE * STANDARD_GRAVITY
-    still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < healthy.REST_TURN_RPS * felt
+    force = np.linalg.norm(mean[1], axis=1)
+    still &= np.abs(force - STANDARD_GRAVITY) < healthy.REST_FORCE * STANDARD_GRAVITY
+    still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < healthy.REST_TURN_RPS * force
     for gps in flight.gps[:1]:
         speed = np.linalg.norm(gps.velocity[:, :2], axis=1)
         good = np.isfinite(speed) & (gps.fix_type >= 3)
@@ -64,9 +64,11 @@ def _drifting(
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
     ends = np.clip(np.searchsorted(when, t[edges - [0, 1]]), 0, len(when) - 1)
-    told, seen = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
-    far = np.linalg.norm(told, axis=1)
-    drifts = (far > healthy.REST_DRIFT_M) & (np.linalg.norm(seen - told, axis=1) < healthy.REST_DRIFT_CONFIRMED * far)
+    by_velocity, by_position = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
+    far = np.linalg.norm(by_velocity, axis=1)
+    drifts = (far > healthy.REST_DRIFT_M) & (
+        np.linalg.norm(by_position - by_velocity, axis=1) < healthy.REST_DRIFT_CONFIRMED * far
+    )
     out = np.zeros(len(t), np.bool_)
     for first, last in edges[drifts].tolist():
         out[first:last] = True

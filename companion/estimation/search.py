@@ -13,10 +13,9 @@ from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
-from companion.estimation.scan import Scan, scan
+from companion.estimation.scan import Scan, jumps, scan, score, velocity_impulses
 from companion.estimation.shapes import ENDING
 from companion.estimation.system import Solution
-from companion.estimation.weighing import jumps, score, velocity_impulses
 from companion.model import Array
 
 _AT_EVERY_KEYFRAME = {
@@ -167,8 +166,8 @@ def _scored(
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
     if kind.side == "imu" and problem.others:
-        told, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
-        b, v = b + told, v + information
+        gradient, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
+        b, v = b + gradient, v + information
     return Cells(kind, shape, *times, b, v)
 
 

@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.clipping import lost_by_clipping
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.gaps import broken_intervals, lost_in_gaps
+from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
 from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
     NOMINAL,
@@ -82,8 +81,8 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
             f"{num.MIN_RATE_HZ:g} Hz or more are needed",
             f"{flight.how_to_record}.",
         )
-    if (felt := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > healthy.MAX_MEDIAN_G:
-        why = f"its accelerometer reads {felt:.3g} g most of the time, of other units it seems"
+    if (median_g := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > healthy.MAX_MEDIAN_G:
+        why = f"its accelerometer reads {median_g:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
     spacing = float(np.clip((track.t[-1] - track.t[0]) / num.KEYFRAMES, *num.KEYFRAME_SPACING_S))
@@ -136,7 +135,7 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
     """Samples at the times of GPS fixes, thinned to the spacing and filled where there are none for longer."""
     if epochs is None or not len(epochs):
-        wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, num.NO_GPS_SPACING_S))
+        times = _between(track.t, track.t[0], track.t[-1], max(spacing, num.NO_GPS_SPACING_S))
     else:
         inside = epochs[(epochs >= track.t[0]) & (epochs <= track.t[-1])]
         slot = np.floor((inside - inside[:1]) / spacing + 0.5)  # of the fixes' own phase: two may not share one
@@ -145,8 +144,8 @@ def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
         longest = max(2.5 * spacing, 0.5)
         fill = [_between(track.t, a, b, (b - a) / (np.floor((b - a) / longest) + 1.0))
                 for a, b in pairwise(ends.tolist()) if b - a > longest]  # fmt: skip
-        wanted = np.sort(np.concatenate([ends, *fill]))
-    index = np.unique(np.concatenate([[0], nearest(track.t, wanted), [len(track) - 1]]))
+        times = np.sort(np.concatenate([ends, *fill]))
+    index = np.unique(np.concatenate([[0], nearest(track.t, times), [len(track) - 1]]))
     close = np.diff(track.t[index], prepend=-np.inf) < 0.4 * spacing
     close[-1] = False
     return np.asarray(index[~close], dtype=np.intp)
@@ -248,17 +247,17 @@ def first_guess(setup: Setup, flight: Flight) -> States:
 
 def unaided_guess(setup: Setup, flight: Flight) -> States:
     """The same by gravity and compass, where there is one: an estimator that is far off leads to nowhere."""
-    return first_guess(setup, replace(flight, attitude=None) if _heading_is_told(setup) else flight)
+    return first_guess(setup, replace(flight, attitude=None) if _heading_is_observed(setup) else flight)
 
 
 def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
     """Where the iteration may begin, made as they are asked for: with the autopilot's attitude, and without it."""
     yield first_guess(setup, flight)
-    if flight.attitude is not None and _heading_is_told(setup):
+    if flight.attitude is not None and _heading_is_observed(setup):
         yield unaided_guess(setup, flight)
 
 
-def _heading_is_told(setup: Setup) -> bool:
+def _heading_is_observed(setup: Setup) -> bool:
     return any(one.name == "compass" for one in setup.readings)
 
 
@@ -323,5 +322,5 @@ def _between(t: Array, begin: float, end: float, step: float) -> Array:
     """Steps from `begin` to `end` that have a sample nearby: a gap of years takes no memory."""
     inside = t[np.searchsorted(t, begin) : np.searchsorted(t, end)]
     steps = np.unique(np.floor((inside - begin) / step + 0.5))
-    wanted = begin + steps * step
-    return np.asarray(wanted[wanted < end])
+    times = begin + steps * step
+    return np.asarray(times[times < end])

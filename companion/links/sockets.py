@@ -80,7 +80,9 @@ class UdpPort:
 
     def write(self, data: bytes) -> bool:
         now = time.monotonic()
-        self._peers = {peer: heard for peer, heard in self._peers.items() if now - heard < _PEER_S}
+        self._peers = {
+            peer: last_received for peer, last_received in self._peers.items() if now - last_received < _PEER_S
+        }
         sent = False
         for peer in [self._fixed] if self._fixed else list(self._peers):
             with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence

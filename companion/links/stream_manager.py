@@ -190,12 +190,12 @@ class StreamManager:
 
     def _note(self, message: StreamRequest) -> None:
         """Write down what there was, before it is changed."""
-        told = self._earlier.problem
+        problem = self._earlier.problem
         one = OriginalRate(
             message.found_us, round(message.found_hz, 1), round(1e6 / message.requested_hz), message.by_stream
         )
         self._earlier.note(message.name, one)
-        if self._earlier.problem != told:
+        if self._earlier.problem != problem:
             self.reported.append(self._earlier.problem)
 
     def _ask_stream(self, stream: int) -> Request:

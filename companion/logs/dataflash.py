@@ -144,9 +144,9 @@ def read_dataflash(
         layout = layouts.get(int(types[index[0]]))
         if layout is not None:
             key = layout.name if layout.name not in messages else f"{layout.name}#{layout.type}"
-            wanted = names is None or layout.name in names
+            needed = names is None or layout.name in names
             messages[key] = Records(
-                layout, starts[index], np.empty(len(index), layout.dtype if wanted else _times(layout))
+                layout, starts[index], np.empty(len(index), layout.dtype if needed else _times(layout))
             )
     skipped = len(mapped.data) - int(np.bincount(types, minlength=256) @ record_lengths(formats))
     count, left_out = len(starts), {name: int((types == number).sum()) for number, name in undecoded.items()}

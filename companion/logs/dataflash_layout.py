@@ -85,11 +85,11 @@ def declarations(data: Bytes, starts: Index) -> dict[int, Declaration]:
     """The declarations in the log, by type; starts: where an FMT record may begin."""
     starts = starts[starts + _FMT_LENGTH <= len(data)]
     known = {FMT: Declaration(FMT, _FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
-    wanted = np.ones(256, np.bool_)  # types without a declaration so far: a log that is full of them takes no longer
-    wanted[FMT] = False
+    needed = np.ones(256, np.bool_)  # types without a declaration so far: a log that is full of them takes no longer
+    needed[FMT] = False
     for begin in range(0, len(starts), _BLOCK):
         block = starts[begin : begin + _BLOCK]
-        block = block[wanted[data[block + HEADER_BYTES]]]
+        block = block[needed[data[block + HEADER_BYTES]]]
         rows = gather_rows(data, block, _FMT_BODY)
         rows = rows[_may_declare(rows)]
         for index in sorted(np.unique(rows["type"], return_index=True)[1].tolist()):
@@ -97,7 +97,7 @@ def declarations(data: Bytes, starts: Index) -> dict[int, Declaration]:
             name, letters, columns = (_text(row[field]) for field in ("name", "format", "columns"))
             fields = tuple(columns.split(",")) if columns else ()
             known[int(row["type"])] = Declaration(int(row["type"]), int(row["length"]), name, letters, fields)
-            wanted[int(row["type"])] = False
+            needed[int(row["type"])] = False
     return known
 
 
@@ -147,7 +147,7 @@ def record_layouts(
             return np.empty(0, np.void)
         return gather_rows(data, starts[types == layout.type], layout.dtype)
 
-    units = Units.told(
+    units = Units.from_rows(
         [(int(row["Id"]), _text(row["Label"])) for row in rows("UNIT", {"Id": "iu", "Label": "S"})],
         [(int(row["Id"]), float(row["Mult"])) for row in rows("MULT", {"Id": "iu", "Mult": "f"})],
         [
@@ -173,7 +173,7 @@ class Units:
     letters: Mapping[int, tuple[str, str]]  # type → the letters of its columns' units, and of their factors
 
     @classmethod
-    def told(
+    def from_rows(
         cls,
         labels: Iterable[tuple[int, str]],
         factors: Iterable[tuple[int, float]],

@@ -59,7 +59,7 @@ def read_dataflash_text(
         if layout is None:
             undecoded[name] = len(rows)
             continue
-        records, left_out = _records(layout, rows, np.array(offsets, np.int64), wanted=names is None or name in names)
+        records, left_out = _records(layout, rows, np.array(offsets, np.int64), needed=names is None or name in names)
         count, skipped = count + len(records), skipped + left_out
         if len(records):
             messages[name] = records
@@ -124,7 +124,7 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
         return [(int(first), *rest) for first, *rest in decoded if _is_byte(first)]
 
     factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
-    return Units.told(
+    return Units.from_rows(
         rows("UNIT", "Id", "Label"),
         ((number, float(text)) for number, text in factors if _is_number(text)),
         rows("FMTU", "FmtType", "UnitIds", "MultIds"),
@@ -149,13 +149,13 @@ def _split(row: bytes, count: int) -> list[bytes]:
 
 
 def _records(
-    layout: RecordLayout, lines: list[bytes], offsets: npt.NDArray[np.int64], *, wanted: bool
+    layout: RecordLayout, lines: list[bytes], offsets: npt.NDArray[np.int64], *, needed: bool
 ) -> tuple[Records, int]:
     """The lines of one type as rows, and the bytes of those left out. Without `wanted`: their times alone."""
     count = len(layout.fields)
     parts = [_split(line, count) for line in lines]
     whole = [len(row) == count for row in parts]
-    fields = layout.fields if wanted else tuple(name for name in (layout.clock,) if name)
+    fields = layout.fields if needed else tuple(name for name in (layout.clock,) if name)
     places = [layout.fields.index(name) for name in fields]
     texts = [[row[place] for row, good in zip(parts, whole, strict=True) if good] for place in places]
     del parts
@@ -172,7 +172,7 @@ def _records(
     rows = np.empty(len(offsets), np.dtype(kinds))
     for (name, *_), values in zip(kinds, columns, strict=True):
         rows[name] = values
-    if wanted and kinds:  # a mode may be a name: its column is text then
+    if needed and kinds:  # a mode may be a name: its column is text then
         layout = replace(layout, dtype=np.dtype(kinds))
     return Records(layout, offsets[sound], rows[sound]), sum(map(len, lines)) - int(size[sound].sum())
 

@@ -99,12 +99,12 @@ class Contents:
 
     def watched(self, progress: Callable[[int], None] | None) -> Iterator[bytes]:
         """The chunks, while somebody is told how far they have come in the file."""
-        told = 0
+        position = 0
         for chunk in self.chunks():
             yield chunk
             if progress is not None:
-                progress(self.position - told)
-                told = self.position
+                progress(self.position - position)
+                position = self.position
 
     def _joined(self, file: BinaryIO, size: int) -> Iterator[bytes]:
         pieces: list[bytes] = []

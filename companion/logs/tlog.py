@@ -70,8 +70,8 @@ class Collected:
                 self.first_log_time = float(times[int(np.argmax(believable))])
         for layout, index in grouped(frames, self._dialect):
             if layout.name not in self._types:
-                wanted = self._names is None or layout.name in self._names
-                self._types[layout.name] = Growing(layout, with_rows=wanted)
+                needed = self._names is None or layout.name in self._names
+                self._types[layout.name] = Growing(layout, with_rows=needed)
             self._types[layout.name].add(frames, index, times, share)
 
     def messages(self) -> dict[str, Messages]:

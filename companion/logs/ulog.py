@@ -13,7 +13,7 @@ from typing import Any
 
 from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.logs.ulog_messages import Dropout, Flags, Info, LoggedText, Parameter, Value, parsed_message
-from companion.logs.ulog_scan import Said, Scan
+from companion.logs.ulog_scan import Scan, ScannedMessage
 from companion.logs.ulog_topics import Collector, UlogTopic
 from companion.model import InputError
 
@@ -99,7 +99,7 @@ def read_ulog(
         undecoded=MappingProxyType(undecoded),
         unknown=scan.unknown,
         topics=topics,
-        **_told(scan.said),
+        **_decoded(scan.other_messages),
     )
 
 
@@ -133,14 +133,14 @@ def _no_data(path: Path, collector: Collector) -> str:
     )
 
 
-def _told(said: list[Said]) -> dict[str, Any]:
+def _decoded(messages: list[ScannedMessage]) -> dict[str, Any]:
     """What the log says beside its data, by the fields of Ulog. What is said twice holds as it was said last."""
     infos: dict[str, Value] = {}
     series: dict[str, list[list[Value]]] = {}
     parameters: dict[str, Value] = {}
     changes: list[tuple[int, str, Value]] = []
     defaults: tuple[dict[str, Value], dict[str, Value]] = ({}, {})
-    for t, message in said:
+    for t, message in messages:
         if isinstance(message, Parameter):
             name, value = message.name, message.value
             for bit, of in enumerate(defaults):
@@ -165,6 +165,6 @@ def _told(said: list[Said]) -> dict[str, Any]:
         "parameter_changes": tuple(changes),
         "system_defaults": MappingProxyType(defaults[0]),
         "airframe_defaults": MappingProxyType(defaults[1]),
-        "texts": tuple(message for _, message in said if isinstance(message, LoggedText)),
-        "dropouts": tuple((t or 0, m.duration_ms * 1e-3) for t, m in said if isinstance(m, Dropout)),
+        "texts": tuple(message for _, message in messages if isinstance(message, LoggedText)),
+        "dropouts": tuple((t or 0, m.duration_ms * 1e-3) for t, m in messages if isinstance(m, Dropout)),
     }

@@ -43,7 +43,7 @@ for _type, _bytes in FIRST_BYTES.items():
     _FIRST[_type] = np.isin(np.arange(256), list(_bytes))
 
 
-Said = tuple[int | None, Message]
+ScannedMessage = tuple[int | None, Message]
 """A message that is no data, and the latest time of all data before it, µs; None for what stands before all data."""
 
 
@@ -51,7 +51,7 @@ class Scan:
     """Goes through a file, hands its data to the collector, and keeps what else it says."""
 
     def __init__(self, data: Bytes, collector: Collector) -> None:
-        self.said: list[Said] = []
+        self.other_messages: list[ScannedMessage] = []
         self.messages = 0  # that were taken, of all types
         self.undeclared: dict[int, int] = {}  # number → data of no topic that is known
         self.unknown = 0  # messages of other types, or whose content is damaged, between two that fit
@@ -110,7 +110,7 @@ class Scan:
         else:
             latest = np.array([before], np.uint64)
         for at, message in self._awaiting:
-            self.said.append((int(latest[np.searchsorted(starts, at)]), message))
+            self.other_messages.append((int(latest[np.searchsorted(starts, at)]), message))
         self.messages += len(starts) + len(self._awaiting)
         self._single, self._awaiting = [], []
 
@@ -218,7 +218,7 @@ class Scan:
             self._awaiting.append((at, message))
         else:
             self.messages += 1
-            self.said.append((None, message))
+            self.other_messages.append((None, message))
 
     def _look(self, at: int, limit: int) -> tuple[int, Message | int | None]:
         """The end of the message at `at`, 0 where there can be none; and what it says, or the index of its topic.

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.logs.ulog_layout import Formats, TopicLayout, flat_names, placed
-from companion.logs.ulog_messages import Subscription
+from companion.logs.ulog_messages import Formats, Subscription, TopicLayout, flat_names, placed
 from companion.mavlink import Bytes, Index, as_bytes, gather
 
 HEADER_BYTES = 5  # of data: size, type and number
@@ -114,12 +113,12 @@ class _Collected:
     used.
     """
 
-    def __init__(self, layout: TopicLayout, instance: int, *, wanted: bool) -> None:
+    def __init__(self, layout: TopicLayout, instance: int, *, needed: bool) -> None:
         self.layout = layout
         self.instance = instance
-        self.wanted = wanted or layout.stamp is None
+        self.needed = needed or layout.stamp is None
         self.count = 0
-        self._rows: Bytes = np.empty((0, layout.shortest if self.wanted else _STAMP_BYTES), np.uint8)
+        self._rows: Bytes = np.empty((0, layout.shortest if self.needed else _STAMP_BYTES), np.uint8)
 
     def add(self, rows: Bytes, share: float) -> None:
         """share: how much of the file has been read, 0 to 1."""
@@ -136,7 +135,7 @@ class _Collected:
         declared = formats.dtype(self.layout.name)
         if declared is None:
             return None
-        rows = self._rows[: self.count].view(declared if self.wanted else _STAMPS_ALONE)[:, 0]
+        rows = self._rows[: self.count].view(declared if self.needed else _STAMPS_ALONE)[:, 0]
         return UlogTopic(self.layout.name, self.instance, rows, declared)
 
 
@@ -167,8 +166,8 @@ class Collector:
         key = to.topic, to.instance
         if key not in self._index:
             self._index[key] = len(self._all)
-            wanted = self._names is None or to.topic in self._names
-            self._all.append(_Collected(layout, to.instance, wanted=wanted))
+            needed = self._names is None or to.topic in self._names
+            self._all.append(_Collected(layout, to.instance, needed=needed))
             self._stamp.append(-1 if layout.stamp is None else layout.stamp)
         replaced = self.longest[to.number] > 0 and self.place[to.number] != self._index[key]
         self.place[to.number] = self._index[key]
@@ -192,7 +191,7 @@ class Collector:
         ordered = index[order]
         for group in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
             one = self._all[int(index[group[0]])]
-            if one.wanted:
+            if one.needed:
                 one.add(gather(data, starts[group] + HEADER_BYTES, one.layout.shortest), share)
             else:
                 one.add(stamps[group].view(np.uint8).reshape(-1, _STAMP_BYTES), share)

@@ -20,7 +20,17 @@ from companion.model.aiding import (
 )
 from companion.model.checks import check_number, check_seconds, floats, is_number
 from companion.model.errors import CompanionError, DataError, InputError, NoEstimateError, SettingsError
-from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
+from companion.model.flight import (
+    Epoch,
+    Flight,
+    MessageStats,
+    Origin,
+    SettingNames,
+    StatusText,
+    Vehicle,
+    with_tracks,
+    without,
+)
 from companion.model.geodesy import (
     ECCENTRICITY_SQUARED,
     SEMI_MAJOR_AXIS,
@@ -28,13 +38,12 @@ from companion.model.geodesy import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
-from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.lanes import EstimatorLane
-from companion.model.omission import with_tracks, without
 from companion.model.orientations import ORIENTATIONS, orientation_name, orientation_number, orientations
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,
+    IMU_MESSAGES,
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,

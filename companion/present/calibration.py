@@ -52,7 +52,7 @@ def not_observable(fit: Calibration) -> list[str]:
 
 def by_best_estimate(fit: Calibration) -> list[str]:
     """The titles of the parts that are determined by the best estimate rather than the windows."""
-    return [part.title for name, part in CALIBRATED.items() if fit.told_by_best(name)]
+    return [part.title for name, part in CALIBRATED.items() if fit.observed_by_best(name)]
 
 
 def level_force(fit: Calibration) -> str:

@@ -1,6 +1,5 @@
 """A simulated vehicle with known truth: a motion in closed form, the IMU model, MAVLink. Deterministic."""
 
-from companion.simulate.circuit import square
 from companion.simulate.true_flight import (
     GPS_SIGMA,
     HOME,
@@ -14,5 +13,6 @@ from companion.simulate.true_flight import (
     fly,
     low_pass,
     pressure,
+    square,
 )
 from companion.simulate.vehicle import PARAMETERS, SimulatedVehicle, serve, write_flight

@@ -2,6 +2,12 @@
 
 What the fields of a format mean, their units and what stands for "not known" is settled in the series
 (`companion.telemetry.sources`): a row there with these columns is all that a format needs to have the track.
+
+What an estimator itself says that it knows: its position counts where it calls it valid.
+
+ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS (MAVLink common.xml, ardupilotmega.xml) and the solution status of
+ArduPilot's records (nav_filter_status in `AP_NavEKF/AP_Nav_Common.h`) have the same bits. PX4 sends LOCAL_POSITION_NED
+all the same, and ArduPilot until it stops aiding, 8 s after it has lost its position.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from companion.model import (
     CompassTrack,
     FlowTrack,
     GpsTrack,
+    PositionTrack,
     RangeTrack,
     Series,
     counted,
@@ -27,9 +34,38 @@ from companion.model import (
 )
 from companion.telemetry.convert import UNTURNED, Turns, turned_vectors
 from companion.telemetry.lazy import Lazy, LazyTuple
-from companion.telemetry.outliers import HEIGHT, lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import SIGMAS, pressure_altitude
+from companion.telemetry.samples import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
 from companion.telemetry.sources import ANGLES_OF_FLOW, COLUMNS
+
+_POSITION = 0b11000  # horizontal position, relative or absolute
+
+
+def has_position(t: Array, reported: Array, flags: Array) -> BoolArray:
+    """(N,) whether the horizontal position is valid at times t (N,) s, by flags (M,) at times told (M,).
+
+    The flags hold until the next; the first also before. Flags that are not known say nothing.
+    """
+    known = np.isfinite(reported) & np.isfinite(flags)
+    reported, flags = reported[known], flags[known]
+    if not len(reported):
+        return np.ones(len(t), np.bool_)
+    last = np.maximum(np.searchsorted(reported, t, side="right") - 1, 0)
+    return np.asarray((flags[last].astype(np.int64) & _POSITION) != 0)
+
+
+def valid_position(track: PositionTrack | None, status: Series | None, notes: list[str]) -> PositionTrack | None:
+    """The position where the estimator's status calls it valid; None where it does for fewer than two samples."""
+    if track is None or status is None or "flags" not in status.columns:
+        return track
+    valid = has_position(track.t, status.t, status["flags"])
+    if valid.all():
+        return track
+    lost = f"{np.count_nonzero(~valid)} of {len(track)}"
+    notes.append(f"{track.source}: {lost} samples left out: {status.source} says that the position is not valid")
+    kept = rows(track, valid)
+    return kept if len(kept) > 1 else None
+
 
 _Track = GpsTrack | CompassTrack | BarometerTrack | AirspeedTrack | RangeTrack | FlowTrack
 _Maker = Callable[[Series, list[str]], _Track | None]
@@ -73,9 +109,9 @@ def _made(several: Iterable[Series], make: _Maker, *, apart: bool) -> tuple[tupl
     tracks = [track for one in several if (track := make(one, notes)) is not None and len(track)]
     if apart:
         return tuple(tracks), notes
-    told = [one for one in tracks if not isinstance(one, AirspeedTrack) or np.isfinite(one.airspeed).any()]
+    measuring = [one for one in tracks if not isinstance(one, AirspeedTrack) or np.isfinite(one.airspeed).any()]
     best: dict[int, _Track] = {}
-    for track in told or tracks:
+    for track in measuring or tracks:
         if len(track) > len(best.get(track.instance, ())):
             best[track.instance] = track
     return tuple(best[instance] for instance in sorted(best)), notes
@@ -84,10 +120,10 @@ def _made(several: Iterable[Series], make: _Maker, *, apart: bool) -> tuple[tupl
 def _compass_track(one: Series, notes: list[str], *, turns: Turns) -> CompassTrack | None:
     if _is_constant(one, one.values, notes):
         return None
-    felt = np.asarray(one.values.any(axis=1))
-    if zeros := int((~felt).sum()):  # the Earth's field is nowhere zero
+    nonzero = np.asarray(one.values.any(axis=1))
+    if zeros := int((~nonzero).sum()):  # the Earth's field is nowhere zero
         notes.append(f"{one.source}: {counted(zeros, 'sample')} left out as magnetometer: all axes are zero")
-        one = rows(one, felt)
+        one = rows(one, nonzero)
     field = turned_vectors(one.t, one.values, turns)
     calibrated = not one.source.startswith("sensor_mag")  # of PX4: that is the driver's
     track = CompassTrack(one.t, field, one.source, one.instance, calibrated)
@@ -95,8 +131,8 @@ def _compass_track(one: Series, notes: list[str], *, turns: Turns) -> CompassTra
 
 
 def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
-    told = "pressure_pa" if np.isfinite(one["pressure_pa"]).any() else "altitude_m"
-    if _is_constant(one, one[told], notes):
+    column = "pressure_pa" if np.isfinite(one["pressure_pa"]).any() else "altitude_m"
+    if _is_constant(one, one[column], notes):
         return None
     one = rows(one, ~(one["pressure_pa"] <= 0.0))
     heights = pressure_altitude(one["pressure_pa"]), one["altitude_m"]
@@ -121,9 +157,9 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
     lat, lon, height, horizontal, vertical, speed, fix, satellites = _copies(
         gps, "lat_rad", "lon_rad", "height_m", *SIGMAS, "fix_type", "satellites"
     )
-    told = np.column_stack([lat, lon, height, velocity, horizontal, vertical, speed])[np.isfinite(lat)]
-    if len(told) >= _CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all()):  # even at rest some digit differs
-        notes.append(f"{gps.source} left out: all of its {len(told)} fixes are the same")
+    fixes = np.column_stack([lat, lon, height, velocity, horizontal, vertical, speed])[np.isfinite(lat)]
+    if len(fixes) >= _CONSTANT and bool(((fixes == fixes[:1]) | np.isnan(fixes)).all()):
+        notes.append(f"{gps.source} left out: all of its {len(fixes)} fixes are the same")
         return None
     return GpsTrack(
         gps.t, lat, lon, height, velocity, horizontal, vertical, speed, fix, satellites, gps.source, gps.instance
@@ -146,12 +182,12 @@ def _is_constant(one: Series, values: Array, notes: list[str]) -> bool:
 def _airspeed_track(one: Series, notes: list[str]) -> AirspeedTrack | None:
     """None for one that never measures."""
     indicated, true, pressure, warm = _copies(one, *COLUMNS["airspeed"])
-    told = indicated if np.isfinite(indicated).any() else pressure
-    if _is_constant(one, told, notes):
+    measured = indicated if np.isfinite(indicated).any() else pressure
+    if _is_constant(one, measured, notes):
         return None
     kept = uncontradicted(one.source, notes, lone(indicated[:, None], _GUST), what="airspeed")
     track = AirspeedTrack(one.t, indicated, true, pressure, warm, one.source, one.instance)
-    return rows(track, np.asarray(kept & np.isfinite(told)))
+    return rows(track, np.asarray(kept & np.isfinite(measured)))
 
 
 def _range_track(one: Series, notes: list[str]) -> RangeTrack | None:

@@ -1,4 +1,7 @@
-"""What the controller wanted, and what it asked of the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like."""
+"""What the controller wanted, and what it asked of the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like.
+
+What a simulator knows of itself: the truth of a flight, for tests and benchmarks.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,69 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion.mavlink import Messages
-from companion.model import ActuatorTrack, Array, AttitudeTrack, ControlTrack, from_euler
-from companion.telemetry.outliers import BoolArray
-from companion.telemetry.samples import attitudes, increasing
+from companion.model import (
+    ActuatorTrack,
+    Array,
+    AttitudeTrack,
+    ControlTrack,
+    Origin,
+    PositionTrack,
+    TruthTrack,
+    from_euler,
+)
+from companion.telemetry.samples import BoolArray, attitudes, increasing, ned_about
+from companion.telemetry.sources import SI
+
+TRUTH_MESSAGES = {
+    "SIM_STATE": ("vn ve vd", "lat_int lon_int alt"),  # `lat` and `lon` are degE7 too, cut to 24 bits
+    "HIL_STATE_QUATERNION": ("vx vy vz", "lat lon alt"),
+    "SIMSTATE": ("", "lat lng"),
+}
+"""The one that says most first → its velocity, NED, and its place."""
+
+
+def message_truth(
+    messages: Mapping[str, Messages], origin: Origin | None, track: PositionTrack | None
+) -> TruthTrack | None:
+    """The truth in a boot's messages, at their boot times; see `truth_track` for origin and track."""
+    name = next((name for name in TRUTH_MESSAGES if name in messages), None)
+    if name is None:
+        return None
+    truth = messages[name]
+    velocity, place = (np.full((len(truth), 3), np.nan) for _ in range(2))
+    for values, fields in zip((velocity, place), TRUTH_MESSAGES[name], strict=True):
+        for i, field in enumerate(fields.split()):
+            values[:, i] = truth[field] * SI[truth.layout.units[field]]
+    if name == "SIM_STATE" and not place[:, 0].any():
+        place[:] = np.nan
+    if name == "HIL_STATE_QUATERNION":
+        q = truth["attitude_quaternion"].astype(np.float64)
+    else:
+        q = from_euler(truth["roll"], truth["pitch"], truth["yaw"])
+    return truth_track(name, truth.t, q, velocity, place, origin, track)
+
+
+def truth_track(
+    source: str, t: Array, q: Array, velocity: Array, place: Array, origin: Origin | None, track: PositionTrack | None
+) -> TruthTrack | None:
+    """A simulator's own poses at boot times t (N,) s, in any order; None without any.
+
+    velocity: (N, 3) NED, m/s; place: (N, 3) latitude and longitude in rad, height in m; NaN where it is not told. They
+    become NED about the zero of `track`, the autopilot's position, which `origin` places on Earth.
+    """
+    keep, when, attitude = attitudes(t, q)
+    if not len(when):
+        return None
+    position = np.full((len(t), 3), np.nan)
+    if origin is not None:
+        latitude, longitude, height = place.T
+        unknown = np.isnan(height)
+        position = ned_about(origin, latitude, longitude, np.where(unknown, origin.height, height))
+        position[unknown, 2] = np.nan
+        if origin.t is not None and track is not None:
+            position = position + [np.interp(origin.t, track.t, axis) for axis in track.position.T]
+    return TruthTrack(when, attitude, velocity[keep], position[keep], source)
+
 
 CONTROL_MESSAGES = ("ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW")
 
@@ -27,16 +90,16 @@ def control_track(messages: Mapping[str, Messages], attitude: AttitudeTrack | No
     if "ATTITUDE_TARGET" in messages:
         target = messages["ATTITUDE_TARGET"]
         q = target["q"].astype(np.float64)
-        told = (target["type_mask"] & _NO_ATTITUDE) == 0
+        valid = (target["type_mask"] & _NO_ATTITUDE) == 0
     elif "NAV_CONTROLLER_OUTPUT" in messages and attitude is not None:
         target = messages["NAV_CONTROLLER_OUTPUT"]
         w, x, y, z = (np.interp(target.t, attitude.t, part) for part in attitude.q_ned_frd.T)
         heading = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
         q = from_euler(np.radians(target["nav_roll"]), np.radians(target["nav_pitch"]), heading)
-        told = (target.t >= attitude.t[0]) & (target.t <= attitude.t[-1])
+        valid = (target.t >= attitude.t[0]) & (target.t <= attitude.t[-1])
     else:
         return None
-    return control_of(target.name, target.t, q, told)
+    return control_of(target.name, target.t, q, valid)
 
 
 def control_of(source: str, t: Array, q: Array, good: BoolArray | bool = True) -> ControlTrack | None:
@@ -70,8 +133,8 @@ def side_by_side(banks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
         shown = pulses[np.maximum(row, 0)] if len(when) else np.full((len(t), pulses.shape[1]), np.nan)
         known = (row >= 0) & (t - when[row] < _STALE_S) if len(when) else np.zeros(len(t), np.bool_)
         columns.append(np.where(known[:, None], shown, np.nan))
-    told = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
-    return t, np.hstack(columns[: told + 1])
+    last = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
+    return t, np.hstack(columns[: last + 1])
 
 
 def actuators_of(source: str, t: Array, pulses: Array, parameters: Mapping[str, float]) -> ActuatorTrack | None:

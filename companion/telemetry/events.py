@@ -1,17 +1,168 @@
-"""What happened in a flight: armed, disarmed, a new mode, an error, in the words of each format; and its texts."""
+"""What happened in a flight: armed, disarmed, a new mode, an error, in the words of each format; and its texts.
+
+Changes that a vehicle announces itself: resets of its estimator, lane switches, parameters set in flight.
+
+The words are those of ArduPilot's `AP_NavEKF2/3` and `AP_AHRS`; PX4 counts its resets in ODOMETRY.reset_counter
+(`modules/mavlink/streams/ODOMETRY.hpp`: the sum of all its counters), so that which state was reset shows in the jump.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.logs import Records
 from companion.mavlink import Dialect, Messages, mode_name
-from companion.model import Array, Event, StatusText, Vehicle
+from companion.model import Array, EstimatorReset, Event, ParameterChange, ResetKind, SensorInUse, StatusText, Vehicle
 from companion.telemetry.samples import majority
 from companion.telemetry.sanitize import words
+
+_RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
+    (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),
+    (re.compile(r"EKF primary changed: ?(?P<core>\d)", re.ASCII), "lane"),
+    (re.compile(r"EKF\d IMU(?P<core>\d) .*(?:yaw|heading).*(?:reset|align)", re.ASCII | re.IGNORECASE), "heading"),
+    (re.compile(r"EKF\d IMU(?P<core>\d) forced reset", re.ASCII), "attitude"),
+    (
+        re.compile(r"EKF\d IMU(?P<core>\d) (?:is using|stopped aiding|started relative aiding|origin set)", re.ASCII),
+        "position",
+    ),
+    (re.compile(r"EKF yaw reset", re.ASCII), "heading"),
+    (re.compile(r"EKF height reset", re.ASCII), "height"),
+)
+"""What a text announces; the first that matches."""
+
+Index = npt.NDArray[np.int64]
+
+_SAME_S = 2.0  # "EKF3 lane switch 1" and "EKF primary changed:1" are one change
+_DEGREE = float(np.radians(1.0))
+_VISIBLE: Mapping[ResetKind, float] = {
+    "attitude": 0.2 * _DEGREE, "heading": 0.2 * _DEGREE, "velocity": 0.2, "position": 0.05, "height": 0.05,
+}  # fmt: skip
+"""rad, m/s, m: a jump that is more than what happens between two messages."""
+
+
+def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
+    """Resets and lane switches in words."""
+    resets: list[EstimatorReset] = []
+    for one in texts:
+        if "EKF" not in one.text:
+            continue
+        for pattern, kind in _RESETS:
+            if match := pattern.match(one.text):
+                core = match.groupdict().get("core")
+                reset = EstimatorReset(one.t, kind, one.text, None if core is None else int(core))
+                if not any(_same_switch(reset, other) for other in resets):
+                    resets.append(reset)
+                break
+    return tuple(resets)
+
+
+def odometry_resets(odometry: Messages) -> tuple[EstimatorReset, ...]:
+    """Where ODOMETRY's counter of resets goes on, and which states jumped there: at least the one that did most."""
+    t = odometry.t
+    order = np.flatnonzero(np.isfinite(t))
+    order = order[np.argsort(t[order], kind="stable")]
+    counter = odometry["reset_counter"][order].astype(np.int64)
+    places = np.flatnonzero(np.diff(counter) != 0)
+    before, after = order[places], order[places + 1]
+    sizes = _jumps(odometry, before, after, (t[after] - t[before])[:, None])
+    kinds = list(sizes)
+    seen = np.nan_to_num(np.column_stack([sizes[kind] / _VISIBLE[kind] for kind in kinds]))
+    resets = []
+    for n, place in enumerate(places.tolist()):
+        text = f"ODOMETRY.reset_counter {counter[place]} → {counter[place + 1]}"
+        jumped = np.flatnonzero(seen[n] > 1.0)
+        most = jumped if len(jumped) else [int(np.argmax(seen[n]))]
+        resets += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
+    return tuple(resets)
+
+
+def lane_changes(t: Array, primary: Index, words: str) -> Iterator[EstimatorReset]:
+    """Where the primary core (N,) is another than before; words: with {before} and {core}."""
+    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
+        before, core = int(primary[i - 1]), int(primary[i])
+        yield EstimatorReset(float(t[i]), "lane", words.format(before=before, core=core), core)
+
+
+def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:
+    """Parameters whose value is another than the one told before, without what ArduPilot only counts (STAT_RUNTIME).
+
+    names, t and values: (N,) of what was told, at boot times in s. A vehicle acknowledges a new value by sending it,
+    and logs it; a value that it only repeats is no change.
+    """
+    known: dict[bytes, float] = {}
+    decoded: dict[bytes, str] = {}  # one that is tuned in flight changes over and over
+    changes = []
+    for name, at, value in zip(names, t.tolist(), values.tolist(), strict=True):
+        if not math.isfinite(at) or not math.isfinite(value):
+            continue
+        before = known.get(name, value)
+        known[name] = value
+        if before != value and not name.startswith(b"STAT_"):
+            if name not in decoded:
+                decoded[name] = words(name)
+            changes.append(ParameterChange(at, decoded[name], value))
+    return tuple(changes)
+
+
+def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> SensorInUse | None:
+    """Which IMU ArduPilot's EKF used, from its lane switches and from what its parameters say of the lanes.
+
+    The n-th lane reads the n-th IMU of EK3_IMU_MASK (AP_NavEKF3.cpp, InitialiseFilter). None where nothing tells.
+    """
+    ekf = "EK2" if parameters.get("AHRS_EKF_TYPE") == 2 else "EK3"
+    switches = [reset for reset in resets if reset.kind == "lane" and reset.core is not None]
+    if not switches and f"{ekf}_IMU_MASK" not in parameters:
+        return None
+    primary = int(parameters.get(f"{ekf}_PRIMARY", 0.0))
+    lanes = [(begin, primary), *((switch.t, switch.core or 0) for switch in switches)]
+    mask = parameters.get(f"{ekf}_IMU_MASK", np.nan)
+    known = [(at, imu) for at, lane in lanes if (imu := imu_of_core(lane, mask)) is not None]
+    if not known:
+        return None
+    source = "lane switches" if switches else f"{ekf}_PRIMARY"
+    return SensorInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
+
+
+def imu_of_core(core: int, mask: float = np.nan) -> int | None:
+    """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None beyond those."""
+    if not 0 < mask < 256:
+        return core
+    bits = [bit for bit in range(8) if int(mask) >> bit & 1]
+    return bits[core] if core < len(bits) else None
+
+
+def _same_switch(one: EstimatorReset, other: EstimatorReset) -> bool:
+    return one.kind == other.kind == "lane" and one.core == other.core and abs(one.t - other.t) < _SAME_S
+
+
+def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[ResetKind, Array]:
+    """By how much each state jumped between pairs of messages, beyond what rates and velocities explain: (n,) each."""
+    q = odometry["q"].astype(np.float64)
+    w, axis = q[before, :1], q[before, 1:]
+    moved_w, moved_axis = q[after, :1], q[after, 1:]
+    turn = w * moved_axis - moved_w * axis - np.cross(axis, moved_axis)  # vector part of q0* ⊗ q1
+    real = w * moved_w + (axis * moved_axis).sum(axis=1, keepdims=True)
+    rates = odometry.columns("rollspeed", "pitchspeed", "yawspeed")
+    error = 2.0 * turn * np.where(real < 0, -1.0, 1.0) - rates[before] * dt
+    swing = 2.0 * np.cross(axis, error)
+    error = error + w * swing + np.cross(axis, swing)  # into NED
+    velocity = odometry.columns("vx", "vy", "vz")
+    mean = 0.5 * (velocity[before] + velocity[after])
+    step = odometry.columns("x", "y", "z")
+    step = step[after] - step[before] - mean * dt
+    return {
+        "attitude": np.hypot(error[:, 0], error[:, 1]),
+        "heading": np.abs(error[:, 2]),
+        "velocity": np.linalg.norm(velocity[after] - velocity[before], axis=1),
+        "position": np.hypot(step[:, 0], step[:, 1]),
+        "height": np.abs(step[:, 2]),
+    }
+
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
@@ -109,7 +260,7 @@ def status_texts(messages: Messages) -> tuple[StatusText, ...]:
 
     A chunk whose predecessor was lost is a text of its own.
     """
-    said: list[StatusText] = []
+    joined: list[StatusText] = []
     expected = (0, 0)  # id and chunk_seq of what would go on with the last text
     columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
     decoded: dict[bytes, str] = {}  # the same are said over and over
@@ -118,11 +269,11 @@ def status_texts(messages: Messages) -> tuple[StatusText, ...]:
         if text is None:
             text = decoded[raw] = words(raw)
         if chunk_id and (chunk_id, chunk) == expected:
-            said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
+            joined[-1] = StatusText(joined[-1].t, joined[-1].severity, joined[-1].text + text)
         else:
-            said.append(StatusText(at, severity, text))
+            joined.append(StatusText(at, severity, text))
         expected = (chunk_id, chunk + 1)
-    return tuple(said)
+    return tuple(joined)
 
 
 def in_order(events: Iterable[Event]) -> tuple[Event, ...]:

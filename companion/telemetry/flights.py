@@ -1,4 +1,7 @@
-"""A log's messages → its flights: one per vehicle and boot, with tracks on one clock."""
+"""A log's messages → its flights: one per vehicle and boot, with tracks on one clock.
+
+How messages arrived: count, rate, longest gap, copies.
+"""
 
 from __future__ import annotations
 
@@ -8,38 +11,101 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.mavlink import Dialect, Messages
 from companion.model import (
     IMU_MESSAGES,
+    Array,
     AttitudeTrack,
     BiasTrack,
     Event,
     Flight,
     ImuTrack,
+    MessageStats,
     Origin,
     ParameterChange,
     PositionTrack,
     SensorInUse,
     Vehicle,
 )
-from companion.telemetry import convert, truth
-from companion.telemetry.aiding import aiding_tracks
-from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
-from companion.telemetry.arrival import arrivals
+from companion.telemetry import convert
+from companion.telemetry.aiding import aiding_tracks, valid_position
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
-from companion.telemetry.clock import Clock, boot_seconds, system_epoch
-from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
-from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
+from companion.telemetry.clock import Clock, boot_seconds, device_time, system_epoch
+from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuator_track, control_track, message_truth
+from companion.telemetry.convert import SENSOR_MESSAGES, message_sensors
+from companion.telemetry.events import (
+    heartbeat_events,
+    imu_in_use,
+    in_order,
+    landed_events,
+    odometry_resets,
+    parameter_changes,
+    status_texts,
+    text_resets,
+)
 from companion.telemetry.lanes import message_lanes
-from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
-from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
-from companion.telemetry.validity import valid_position
+
+_ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
+
+
+def arrivals(messages: Mapping[str, Messages], timed: Mapping[str, Messages]) -> Mapping[str, MessageStats]:
+    """The statistics of a flight's messages by name, each made when it is asked for; timed: with boot times.
+
+    By device time where the message carries it, else by the log's stamps. No message is kept for it, only its times.
+    """
+    makers: dict[str, Callable[[], MessageStats]] = {}
+    for name in sorted(messages):
+        one = messages[name]
+        own = device_time(one)
+        if own is None:
+            makers[name] = partial(_stamped, one.log_time, one.crc, one.seq)
+        else:
+            makers[name] = partial(arrival, timed[name].t if name in timed else own, _copies(one, own))
+    return Lazy(makers)
+
+
+def _stamped(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> MessageStats:
+    return arrival(log_time, _echoes(log_time, crc, seq))
+
+
+def arrival(times: Array, duplicates: int) -> MessageStats:
+    """The statistics of messages at times (N,) s; those without a time (NaN) count, and that is all."""
+    gaps = np.diff(times)
+    in_order = (gaps >= 0).all()  # though perhaps several at once
+    gaps = gaps[gaps > 0] if in_order else np.diff(np.unique(times[np.isfinite(times)]))
+    if not len(gaps):
+        return MessageStats(len(times), None, None, duplicates)
+    known = times[np.isfinite(times)]
+    span = float(known.max() - known.min())
+    return MessageStats(len(times), (len(known) - 1) / span, float(gaps.max()), duplicates)
+
+
+def _copies(messages: Messages, own: Array) -> int:
+    """How many messages have the device time and content of another."""
+    if (np.diff(own) > 0).all():
+        return 0
+    order = np.argsort(own, kind="stable")
+    again = np.flatnonzero(np.diff(own[order]) == 0)
+    rows = np.ascontiguousarray(messages.rows).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
+    return int((rows[order[again]] == rows[order[again + 1]]).sum())
+
+
+def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> int:
+    """How many frames without a device time are one that was heard just before: the same CRC, which covers `seq`."""
+    frame = crc.astype(np.uint32) << 8 | seq
+    order = np.argsort(frame, kind="stable")  # in file order among equals
+    same = np.flatnonzero(np.diff(frame[order]) == 0)
+    apart = log_time[order[same + 1]] - log_time[order[same]]
+    return int((apart < _ECHO_S).sum())
+
 
 _TIMED = SENSOR_MESSAGES | {
-    *IMU_MESSAGES, *truth.MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
+    *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
     "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
@@ -126,10 +192,10 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     messages, flight, imus = begun.boot.messages, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
     attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
-    attitude, told = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
+    attitude, notes_of = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
     positions = _made(begun, convert.position, "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
     position, odd = max(positions, key=lambda one: _weight(one[0]), default=(None, []))
-    notes += [*told, *odd]
+    notes += [*notes_of, *odd]
     position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()
@@ -152,7 +218,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         lanes=message_lanes(flight.series) if _is_ardupilot(flight.vehicle) else (),
         control=control_track(messages, attitude),
         actuators=actuator_track(messages, flight.parameters),
-        truth=truth.message_truth(messages, flight.origin, position),
+        truth=message_truth(messages, flight.origin, position),
     )
 
 

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SettingNames, Vehicle
-from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
+from companion.telemetry.samples import Ranges
 from companion.telemetry.sanitize import words
 
 # MAV_PARAM_TYPE: UINT8, INT8, UINT16, INT16, UINT32, INT32 (common.xml). A float rounds the largest up to a power of 2.
@@ -120,8 +120,8 @@ def possible(names: Sequence[bytes | str], values: Array, notes: list[str]) -> A
 def values_of(names: Sequence[bytes | str], values: Array, *, first: bool = False) -> dict[str, float]:
     """The last value of every parameter that has one, or the first; names and values: (N,) in order of time."""
     decoded = {name: words(name) for name in set(names)}  # sent many times
-    said = [(decoded[n], v) for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)]
-    return dict(reversed(said) if first else said)
+    named = [(decoded[n], v) for n, v in zip(names, values.tolist(), strict=True) if math.isfinite(v)]
+    return dict(reversed(named) if first else named)
 
 
 def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -> int:

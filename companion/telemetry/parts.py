@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from companion.model import STANDARD_GRAVITY
-from companion.telemetry.outliers import Ranges
+from companion.telemetry.samples import Ranges
 
 _USUAL = (2000.0, 16.0)
 _UNKNOWN = (None, None)

@@ -22,8 +22,7 @@ from companion.telemetry.clock import (
     steps_back,
 )
 from companion.telemetry.firmware import UNKNOWN, banner, release
-from companion.telemetry.outliers import BoolArray
-from companion.telemetry.samples import majority
+from companion.telemetry.samples import BoolArray, majority
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
@@ -34,7 +33,7 @@ _STATE_MESSAGES = {
 }  # fmt: skip
 _VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 
-_TOLD_STEPS = 3  # of the clock, in a note each
+_REPORTED_STEPS = 3  # of the clock, in a note each
 
 _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION"}
 
@@ -68,11 +67,11 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     counts = Counter[tuple[int, int]]()
     for one in messages.values():
         counts.update(one.senders())
-    heard = {who for who, _ in counts.most_common(MOST_SENDERS)}
+    senders = {who for who, _ in counts.most_common(MOST_SENDERS)}
     by_sender: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
         who = one.senders()
-        for sysid, compid in heard & who.keys():
+        for sysid, compid in senders & who.keys():
             alone = len(who) == 1  # most logs have one sender of each type
             its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
             by_sender.setdefault((sysid, compid), {})[name] = its
@@ -187,11 +186,11 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
     notes = [
         f"the device clock was set back from {clock.t[i - 1]:.2f} s to {clock.t[i]:.2f} s without a reboot: "
         "what it had said of that time before is left out"
-        for i in back[:_TOLD_STEPS]
+        for i in back[:_REPORTED_STEPS]
     ]
-    if len(back) > _TOLD_STEPS:
+    if len(back) > _REPORTED_STEPS:
         notes.append(
-            f"the device clock was set back {counted(len(back) - _TOLD_STEPS, 'time')} more: the same is done there"
+            f"the device clock was set back {counted(len(back) - _REPORTED_STEPS, 'time')} more: the same is done there"
         )
     return sender, clock[stays(clock.offset, clock.t)], notes
 

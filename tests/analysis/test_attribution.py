@@ -17,15 +17,15 @@ from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
     cause_of,
+    described,
     fault_intervals,
     fault_probability,
-    said,
 )
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
-from companion.analysis.reference import Limits, reference_at
+from companion.analysis.reference import Limits
 from companion.estimation import CONSTANTS, KINDS, BestEstimate, Explained, Rival, Size, kind_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
@@ -145,24 +145,6 @@ def test_a_heading_in_doubt_that_does_not_change_is_no_deviation(flight: Flight,
     assert estimator_deviations(always, unsure(best), Limits()) == ()
 
 
-def test_a_heading_that_drifts_on_a_circle_is_no_lag(flight: Flight, best: BestEstimate) -> None:
-    """It was taken for one of 0.1 s; a quick turn then looked like an attitude that is off."""
-    t, track = best.t, flight.require_attitude()
-    circling, quickly = t < ONSET, (t > 40.0) & (t < 48.0)
-    rate = np.where(circling, 0.2, np.where(quickly, 2.5, 0.0))
-    heading = np.cumsum(rate * np.gradient(t))
-    gyro = best.imu.gyro.copy()
-    gyro[best.index] = rate[:, None] * DOWN
-    turns = replace(
-        best,
-        imu=replace(best.imu, gyro=gyro),
-        states=replace(best.states, q_ned_frd=quaternion.exp(heading[:, None] * DOWN)),
-    )
-    off = np.radians(np.where(circling, 1.5, -1.5))
-    track = replace(track, q_ned_frd=quaternion.exp(np.interp(track.t, t, heading + off)[:, None] * DOWN))
-    assert estimator_deviations(replace(flight, attitude=track), turns, Limits()) == ()
-
-
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
 @pytest.mark.parametrize("compass", [True, False], ids=["turned", "in order"])
 def test_a_heading_that_is_set_anew_begins_anew_unless_a_turned_compass_sets_it(
@@ -225,12 +207,12 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
 
 @pytest.mark.parametrize(
     ("metres", "within_s", "side"),
-    [(5.0, 0.1, None), (9.0, 0.1, "autopilot"), (9.0, 15.0, "data"), (20.0, 15.0, "autopilot")],
+    [(5.0, 0.1, None), (5.0, 15.0, None), (9.0, 0.1, "autopilot"), (20.0, 15.0, "autopilot")],
 )
 def test_an_autopilot_is_not_accused_of_what_a_receiver_in_order_does(
     flight: Flight, best: BestEstimate, metres: float, within_s: float, side: str | None
 ) -> None:
-    """The best estimate follows a GPS that shifts by some metres, the autopilot need not: which is right none knows."""
+    """A GPS in order shifts by some metres, and the autopilot need not follow it."""
     off = metres * np.clip((best.t - ONSET) / within_s, 0.0, 1.0)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
     found = [
@@ -313,41 +295,6 @@ def test_what_is_far_less_likely_than_nothing_excuses_no_autopilot(
     unlikely = replace(best, further=perhaps("accel_bias", log_odds, fault))
     (finding,) = findings_of((), estimator_deviations(headed(flight, 40.0), best, Limits()), unlikely)
     assert (finding.kind, finding.side) == ("heading_off", "autopilot")
-
-
-@pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
-def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
-    """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
-    attitude, rate = flight.require_attitude(), np.radians(3.0)
-    other = turned(flight, rate * np.clip(attitude.t - ONSET, 0.0, 10.0)[:, None] * DOWN)
-    imu = best.imu
-    if felt:
-        during = (imu.t >= ONSET) & (imu.t < ONSET + 10.0)
-        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
-        imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * DOWN))
-    third = replace(best, imu=imu)
-    found = estimator_deviations(other, third, Limits())
-    assert {(d.quantity, d.imu_confirms) for d in found} == {("heading", felt)}
-    (finding,) = findings_of((), found, third)
-    assert finding.side == ("data" if felt else "autopilot")
-    assert ("the IMU moved as the autopilot says" in finding.evidence) == felt
-
-
-@pytest.mark.parametrize("felt", [True, False], ids=["as the accelerometer felt", "the accelerometer felt nothing"])
-def test_an_estimate_that_speeds_up_as_the_accelerometer_says_is_not_accused(
-    flight: Flight, best: BestEstimate, felt: bool
-) -> None:
-    attitude, imu, north = flight.require_attitude(), best.imu, np.array([1.0, 0.0, 0.0])
-    faster = np.clip(best.t - ONSET, 0.0, 5.0)[:, None] * north  # 1 m/s² for 5 s
-    track = PositionTrack(best.t, best.position, best.velocity + faster)
-    if felt:
-        during = (imu.t >= ONSET) & (imu.t < ONSET + 5.0)
-        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
-        imu = replace(imu, accel=imu.accel + during[:, None] * quaternion.rotate(quaternion.conjugate(q), north))
-    third = replace(best, imu=imu)
-    found = estimator_deviations(replace(flight, position=track), third, Limits())
-    assert {(d.quantity, d.imu_confirms) for d in found} == {("velocity", felt)}
-    assert [f.side for f in findings_of((), found, third)] == ["data" if felt else "autopilot"]
 
 
 def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
@@ -436,46 +383,13 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
         assert [one.side for one in findings_of(fault_intervals(late), (), late)] == [side]
 
 
-@pytest.mark.parametrize(("jumps", "sudden", "side"), [(0, True, "data"), (1, False, "data"), (1, True, "autopilot")])
-def test_a_deviation_that_begins_with_a_jump_of_the_autopilots_own_is_the_autopilots(
-    best: BestEstimate, jumps: int, sudden: bool, side: str
-) -> None:
-    """However uncertain its size; but an estimate that jumps to another lane's and back has gone nowhere."""
-    jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look")
-    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 7.0, 1.9, sudden=sudden)
-    (told,) = findings_of((), (away,), best, [jump] * jumps)
-    assert told.side == side
-    assert ("it cannot be told" in told.evidence) == (side == "data")
-
-
 def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
     noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
-    jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look")
     away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0, sudden=True)
-    (told,) = findings_of((), (away,), noisy, [jump])
+    (told,) = findings_of((), (away,), noisy)
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence
-    before = EstimatorDeviation("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, imu_confirms=True)
-    assert [one.side for one in findings_of((), (before, away), best, [jump])] == ["data", "data"]
-
-
-@pytest.mark.parametrize(
-    ("corner_hz", "size", "side"),
-    [(None, 0.02, "data"), (None, 0.05, "imu"), (20.0, 0.02, "imu"), (60.0, 0.02, "data")],
-)
-def test_a_gyro_that_cones_by_as_much_accuses_nobody_where_its_low_pass_hides_some(
-    best: BestEstimate, corner_hz: float | None, size: float, side: str
-) -> None:
-    """30 mrad/s of an IMU at 100 Hz; of a corner that is known and sampled what is hidden was given back."""
-    track, omega = best.imu, 2.0 * np.pi * 15.0
-    coned = np.sqrt(2.0 * 0.03 * omega) * np.column_stack(
-        [np.cos(omega * track.t), np.sin(omega * track.t), 0.0 * track.t]
-    )
-    shaken = replace(best, imu=replace(track, gyro=track.gyro + coned, gyro_low_pass_hz=corner_hz))
-    (told,) = findings_of(fault_intervals(replace(shaken, explained=(step(ONSET, np.inf, size),))), (), shaken)
-    assert told.side == side
-    assert ("what its low-pass hides" in told.evidence) == (side == "data")
 
 
 @pytest.mark.parametrize(("begun", "misled"), [(ONSET, 1), (ONSET - 12.0, 0)], ids=["with it", "before"])
@@ -585,7 +499,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     field = best.states.constant("earth_field")
     change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
     interval = FaultInterval("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, ())
-    assert said(interval, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
+    assert described(interval, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
     cause = cause_of(interval, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"

@@ -19,7 +19,7 @@ from companion.analysis import (
     compare,
     drift_of,
 )
-from companion.analysis.persistent_errors import Known
+from companion.analysis.constant_faults import Known
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds
@@ -197,8 +197,8 @@ def test_what_the_best_estimate_tells_is_taken_and_the_rest_follows() -> None:
     np.testing.assert_allclose(found.values[:3], values[:3])
     np.testing.assert_allclose(found.sigma[:3], [1e-4, 2e-4, 3e-4])
     assert found.from_best == tuple(told.tolist())
-    assert found.told_by_best("gyro_bias")
-    assert not found.told_by_best("accel_bias")
+    assert found.observed_by_best("gyro_bias")
+    assert not found.observed_by_best("accel_bias")
     scale = PARTS["gyro_scale"]
     assert np.abs(found.values[scale] - alone.values[scale]).max() > 0.2 * alone.sigma[scale].min()
     assert (found.sigma[scale] > 0.0).all()

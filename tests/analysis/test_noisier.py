@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis.findings.noisier import noisier_findings
+from companion.analysis.findings.vibration import noisier_findings
 from companion.model import Array, ImuTrack
 
 T = np.arange(0.0, 120.0, 0.01)

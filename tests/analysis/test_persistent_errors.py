@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import GENERIC, NAMES, PARTS, Correction, compare, drift_of, known_from, windows
-from companion.analysis.persistent_errors import _to_figures, beside_best
+from companion.analysis.constant_faults import _to_figures, beside_best
 from companion.estimation import smooth
 from companion.model import ImuTrack
 from tests.estimation.sensed import BIASES, sensed, with_imu
@@ -50,10 +50,10 @@ def test_what_the_flight_shows_is_told_and_true() -> None:
     truth = np.zeros(len(NAMES))
     truth[PARTS["gyro_bias"]], truth[PARTS["accel_bias"]], truth[PARTS["gyro_scale"]] = *BIASES, scale
     off = np.abs(known.values - truth) / np.where(sigma > 0.0, sigma, 1.0)
-    assert known.told[PARTS["gyro_bias"]].all()
-    assert known.told[PARTS["gyro_scale"]].any()
-    assert (off[known.told] < 3.0).all()
-    assert not any(known.told[PARTS[part]].any() for part in _OTHERS)
+    assert known.observable[PARTS["gyro_bias"]].all()
+    assert known.observable[PARTS["gyro_scale"]].any()
+    assert (off[known.observable] < 3.0).all()
+    assert not any(known.observable[PARTS[part]].any() for part in _OTHERS)
 
 
 def test_the_best_estimate_judges_a_correction() -> None:

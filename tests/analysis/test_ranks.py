@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.analysis.ranks import shift
+from companion.analysis.difference import shift
 
 SIZES = [(5, 5), (8, 20), (30, 17), (60, 80), (1, 200), (3, 4), (1, 1), (2, 30)]
 

@@ -10,7 +10,7 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Rest, rests
-from companion.analysis.rest import why_none
+from companion.analysis.alignment import why_none
 from companion.model import STANDARD_GRAVITY, Event, Flight, PositionTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds

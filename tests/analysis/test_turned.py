@@ -10,7 +10,7 @@ import pytest
 from companion.analysis import GENERIC, Finding, Verdict, assess
 from companion.analysis.comparison import compare
 from companion.analysis.findings.axes import meaning_findings, turned_others
-from companion.analysis.parameters import board_orientation, compass_orientation, mended
+from companion.analysis.findings.settings import board_orientation, compass_orientation, mended
 from companion.estimation import BestEstimate
 from companion.model import Array, Flight, ImuTrack, orientations
 from companion.strapdown import quaternion

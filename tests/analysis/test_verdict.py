@@ -20,7 +20,7 @@ from companion.analysis.findings.readings import reading_findings
 from companion.app.sensors import load_imu_spec
 from companion.estimation import probabilities
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
-from companion.simulate.circuit import square
+from companion.simulate.true_flight import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.estimation.sensed import sensed
 from tests.flights import (
@@ -521,7 +521,7 @@ def test_the_calibration_of_the_first_half_holds_in_the_second() -> None:
     off = np.array([0.008, -0.011, 0.009])
     found = assess(with_imu(flight, gyro=imu.gyro + off), GENERIC)
     assert found.calibration
-    assert found.calibration.told_by_best("gyro_bias")
+    assert found.calibration.observed_by_best("gyro_bias")
     np.testing.assert_allclose(found.calibration.values[:3], off, atol=1e-3)
     assert found.uncorrected
     assert found.corrected

@@ -26,7 +26,7 @@ from companion.model import (
     Vehicle,
     geodetic_from_ned,
 )
-from companion.simulate.circuit import square
+from companion.simulate.true_flight import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 PLACE = (np.radians(47.4), np.radians(8.5), 500.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.estimation import smooth
-from companion.estimation.clipping import lost_by_clipping
+from companion.estimation.gaps import lost_by_clipping
 from companion.model import Flight, Series
 from tests.estimation.sensed import sensed
 

@@ -17,10 +17,9 @@ from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
-from companion.estimation.scan import scan
+from companion.estimation.scan import scan, score
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
-from companion.estimation.weighing import score
 from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu

@@ -11,14 +11,13 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import KINDS, kind_of
 from companion.estimation.choice import Choice
 from companion.estimation.evidence import probabilities
-from companion.estimation.identifiability import Experiment, confusion_matrix
-from companion.estimation.injected import Fault, injected, noise
+from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear
+from companion.estimation.scan import score
 from companion.estimation.search import trials
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, solve
-from companion.estimation.weighing import score
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed
 
@@ -107,7 +106,7 @@ def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(li
         if row.identifiable is None:
             continue
         assert row.identifiable >= row.detectable >= kind_of(row.kind).harmful(row.shape)
-        told = fresh.judged(i, row.identifiable).told
+        told = fresh.judged(i, row.identifiable).accused
         assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
 
 
@@ -138,5 +137,5 @@ def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experim
     anew = solve(len(problem.t), moved.motion, read, believed)
     searched = probabilities([Choice.of_trial(one).rival for one in trials(moved, anew)])
     mine = Experiment.of(problem, linear.solution, prior, 1, seed=9)
-    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).told
+    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).accused
     assert (searched["imu"] >= ACCUSED) == bool(told)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation import coning, hides_shaking, smooth
+from companion.estimation import smooth
 from companion.estimation.low_pass import restored, undelayed
 from companion.model import Array, ImuTrack
 from companion.strapdown import motions, preintegrate, quaternion
@@ -81,17 +81,6 @@ def test_where_no_low_pass_is_known_or_its_corner_is_beyond_the_samples_nothing_
     _, read = track(2.0)
     one = replace(read, gyro_low_pass_hz=corner_hz, accel_low_pass_hz=corner_hz)
     np.testing.assert_array_equal(restored(one, np.zeros(len(one) - 1, np.bool_)).gyro, one.gyro)
-    assert hides_shaking(one) == (corner_hz != 0.0)
-    assert not hides_shaking(read)
-
-
-def test_the_rate_that_shaking_adds_up_to_is_measured() -> None:
-    own, _ = track()
-    rate = 0.5 * ANGLE**2 * 2.0 * np.pi * SHAKING_HZ
-    np.testing.assert_allclose(coning(own, 5.0, 15.0), [0.0, 0.0, rate], atol=0.08 * rate)  # seven samples of a turn
-    slow = replace(own, gyro=np.column_stack([np.cos(0.3 * own.t), np.sin(0.3 * own.t), 0.0 * own.t]))
-    assert np.abs(coning(slow, 5.0, 15.0)).max() < 1e-4
-    assert not coning(own, 5.0, 5.0).any()
 
 
 @pytest.mark.slow

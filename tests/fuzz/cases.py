@@ -18,7 +18,7 @@ from companion.app.correction import load_correction
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import load_settings
 from companion.cli import main
-from companion.fleet.limits import limited
+from companion.fleet.task import limited
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError
 from companion.telemetry import Stream

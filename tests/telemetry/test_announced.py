@@ -11,7 +11,7 @@ import pytest
 
 from companion.app.recording import open_log
 from companion.model import Flight, StatusText
-from companion.telemetry.announced import text_resets
+from companion.telemetry.events import text_resets
 from tests.recordings import recording, shared
 from tests.tlogs import Writer
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import companion as c
 from companion.mavlink import Decoder, load_dialect
 from companion.model import DataError, ImuTrack
-from companion.telemetry.arrival import arrival
+from companion.telemetry.flights import arrival
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 

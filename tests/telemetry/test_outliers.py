@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.strapdown import quaternion
-from companion.telemetry.outliers import FASTEST, STRONGEST, lone, lone_fields, lone_turns, readable
+from companion.telemetry.samples import FASTEST, STRONGEST, lone, lone_fields, lone_turns, readable
 
 RATES = pytest.mark.parametrize("hertz", [1.0, 4.0, 25.0, 250.0])
 N, FINE = 250, 10  # samples, and steps between two of them

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.telemetry.validity import has_position
+from companion.telemetry.aiding import has_position
 from tests.tlogs import Writer
 
 RATIOS = dict.fromkeys(

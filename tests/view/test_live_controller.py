@@ -10,7 +10,7 @@ import pytest
 import viser
 
 from companion.analysis import DriftRow, LiveVerdict
-from companion.analysis.free_run import FreeState
+from companion.analysis.replay import FreeState
 from companion.model import Flight
 from companion.model.tracks import NavState
 from companion.view import LinkState, LiveViewer, ReplayChoice, Seen

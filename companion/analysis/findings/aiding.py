@@ -107,8 +107,8 @@ def _barometer(track: BarometerTrack) -> _Sensor:
 
 
 def _gps(track: GpsTrack) -> _Sensor:
-    told = np.column_stack([track.latitude, track.longitude, track.height, track.velocity])
-    same = (told[1:] == told[:-1]) | (np.isnan(told[1:]) & np.isnan(told[:-1]))
+    fixes = np.column_stack([track.latitude, track.longitude, track.height, track.velocity])
+    same = (fixes[1:] == fixes[:-1]) | (np.isnan(fixes[1:]) & np.isnan(fixes[:-1]))
     fixed = (track.fix_type >= 3) & np.isfinite(track.latitude)
     return _Sensor("gps", track.source, track.t, np.asarray(same.all(axis=1) & fixed[1:] & fixed[:-1]), "one fix")
 
@@ -270,6 +270,8 @@ def misled_by_frozen(findings: Sequence[Finding]) -> list[Finding]:
             sensor = one.kind.partition("_")[0]
             words = tuple(f.headline or f.evidence for f in led)
             cause = Cause(one.kind, "autopilot", one.start_s, one.end_s, sensor=sensor, consequences=words)
-            said = f"{one.evidence}; the autopilot was misled by it: {words[0]}"
-            out[i] = replace(one, side="autopilot", severity="error", evidence=said, headline=one.evidence, cause=cause)
+            evidence = f"{one.evidence}; the autopilot was misled by it: {words[0]}"
+            out[i] = replace(
+                one, side="autopilot", severity="error", evidence=evidence, headline=one.evidence, cause=cause
+            )
     return out

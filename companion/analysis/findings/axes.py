@@ -11,7 +11,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.parameters import board_orientation, mended
+from companion.analysis.findings.settings import board_orientation, mended
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading
@@ -70,13 +70,15 @@ def turned_others(
         fitting = None if motion is None or [*_unit_findings(other, motion)] else _fitting(motion)
         if fitting is None:
             continue
-        how = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {fitting.how}"
-        said = _wrong(other, how, _mending(flight, other, fitting.turn, alone=True))
-        said = replace(said, headline=how, cause=Cause("axes_wrong", "imu", said.start_s, imu=other.instance))
+        evidence = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {fitting.how}"
+        finding = _wrong(other, evidence, _mending(flight, other, fitting.turn, alone=True))
+        finding = replace(
+            finding, headline=evidence, cause=Cause("axes_wrong", "imu", finding.start_s, imu=other.instance)
+        )
         if not compass or against:
-            how = f"{how}; which of the two sits so, or is set so, cannot be told"
-            said = replace(said, side="data", severity="warning", evidence=how, headline="", undecided=True)
-        out.append(said)
+            evidence = f"{evidence}; which of the two sits so, or is set so, cannot be told"
+            finding = replace(finding, side="data", severity="warning", evidence=evidence, headline="", undecided=True)
+        out.append(finding)
     return out
 
 
@@ -144,7 +146,7 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
         if times is None or max(times, 1.0 / times) < check.UNIT_MIN_FACTOR:
             continue
         meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < check.UNIT_TOLERANCE)
-        how = (
+        evidence = (
             f"{SENSORS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's estimate, "
             f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
         )
@@ -153,7 +155,7 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
             f"Mend the units where {track.source} is sent: MAVLink has mrad/s and thousandths of g in SCALED_IMU and "
             "RAW_IMU, rad/s and m/s² in HIGHRES_IMU. Until then take another IMU: --imu."
         )
-        yield Finding("units_wrong", "imu", "error", begin, end, how, advice)
+        yield Finding("units_wrong", "imu", "error", begin, end, evidence, advice)
 
 
 def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
@@ -162,11 +164,11 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     A matrix that makes the ones of the others, about the axes about which there is motion, is then so many times a
     rotation or a mirror: its singular values are alike. biased: what is constant tells nothing.
     """
-    moved, heard = length(own), length(read)
-    busy = (moved >= np.median(moved)) & (moved > 0) & (heard > 0)
+    motion, reading = length(own), length(read)
+    busy = (motion >= np.median(motion)) & (motion > 0) & (reading > 0)
     if busy.sum() < check.AXES_MIN_WINDOWS:
         return None
-    times = heard[busy] / moved[busy]
+    times = reading[busy] / motion[busy]
     usual = np.abs(np.log(times / np.median(times))) < check.UNIT_FACTOR_LOG
     if usual.mean() < check.UNIT_FACTOR_SHARE:
         return None
@@ -176,10 +178,10 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     much, axes = np.linalg.eigh(own.T @ own)
     if not much[-1] > 0:
         return None
-    moved = own @ axes[:, much > check.UNIT_AXIS_SHARE * much[-1]]
-    by, *_ = np.linalg.lstsq(moved, read)
+    motion = own @ axes[:, much > check.UNIT_AXIS_SHARE * much[-1]]
+    by, *_ = np.linalg.lstsq(motion, read)
     sizes = np.linalg.svd(by, compute_uv=False)
-    explained = ((read - moved @ by) ** 2).sum() < check.UNIT_REST * (read**2).sum()
+    explained = ((read - motion @ by) ** 2).sum() < check.UNIT_REST * (read**2).sum()
     alike = sizes[0] < np.exp(check.UNIT_FACTOR_LOG) * sizes[-1] and explained
     return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
 
@@ -256,12 +258,12 @@ def _beside(track: ImuTrack, other: ImuTrack) -> _Motion | None:
 def misread_finding(track: ImuTrack, reading: Reading, best: BestEstimate) -> Finding:
     """An IMU whose axes are mirrored or exchanged, by the aiding sensors of the best estimate, which has GPS."""
     aiding = "GPS, compass and gravity" if "compass" in best.residuals else "GPS and gravity"
-    how = f"{reading.words}: read so, it fits {aiding} with {reading.fits:.0f} times less noise"
-    return _wrong(track, how, "Set the board's orientation to how it is mounted, and calibrate again.")
+    evidence = f"{reading.words}: read so, it fits {aiding} with {reading.fits:.0f} times less noise"
+    return _wrong(track, evidence, "Set the board's orientation to how it is mounted, and calibrate again.")
 
 
-def _wrong(track: ImuTrack, how: str, advice: str) -> Finding:
-    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), how, advice)
+def _wrong(track: ImuTrack, evidence: str, advice: str) -> Finding:
+    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), evidence, advice)
 
 
 def _wahba(body: Array, imu: Array) -> Array | None:

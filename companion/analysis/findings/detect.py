@@ -1,4 +1,7 @@
-"""All findings of one IMU of a flight, without those that only follow from others, and with what the vehicle says."""
+"""All findings of one IMU of a flight, without those that only follow from others, and with what the vehicle says.
+
+What the best estimate says: the sensors' faults, where the autopilot leaves it, and what is set otherwise.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +10,92 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.analysis.attribution import findings_of
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
-from companion.analysis.finding import Finding
+from companion.analysis.deviations import estimator_deviations, known_biases
+from companion.analysis.fault_interval import fault_intervals
+from companion.analysis.finding import Finding, are_near
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
-from companion.analysis.findings.by_estimate import findings_by_estimate, leans_in_vain
-from companion.analysis.findings.consequences import with_reports, without_consequences
-from companion.analysis.findings.control import when_lost
+from companion.analysis.findings.consequences import is_led_to, when_lost, with_reports, without_consequences
 from companion.analysis.findings.installation import Installation, installation, level
-from companion.analysis.findings.jumps import jump_findings, jumps_without_imu, reset_findings
-from companion.analysis.findings.noisier import noisier_findings
-from companion.analysis.findings.outages import outage_findings, receiver_findings
+from companion.analysis.findings.outages import (
+    jump_findings,
+    jumps_without_imu,
+    outage_findings,
+    receiver_findings,
+    reset_findings,
+)
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
+from companion.analysis.findings.settings import setting_findings
 from companion.analysis.findings.stuck import stuck_findings
-from companion.analysis.findings.vibration import noise_findings, vibration_findings
+from companion.analysis.findings.vibration import noise_findings, noisier_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import aligned_at, landed_at, phases
 from companion.analysis.reference import Limits
-from companion.constants import check, harm
-from companion.estimation import BestEstimate
+from companion.constants import check, harm, num
+from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack
+
+
+def findings_by_estimate(
+    flight: Flight,
+    best: BestEstimate,
+    limits: Limits,
+    known: tuple[Sequence[Finding], Sequence[Finding], Sequence[Finding]],
+    landed: float,
+    tilted: tuple[float, float],
+) -> tuple[list[Finding], list[Finding]]:
+    """Those of the best estimate, and the jumps as serious as it takes the autopilot to be then.
+
+    known: all findings so far, those of readings that are none, and the jumps of the autopilot. landed: s, from when on
+    nothing is judged. tilted: roll and pitch of the IMU, rad.
+    """
+    so_far, faults, jumps = known
+    while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
+    deviations = estimator_deviations(flight, best, limits, tilted)
+    deviations = tuple(one for one in deviations if not is_led_to(one.start, one.end, faults))
+    out = findings_of(while_judged, deviations, best, flight.imu_in_use)
+    out += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
+    # the best estimate has judged where the autopilot went: a jump is one of the signs of it
+    return out, [_confirmed(f, [*so_far, *out], best) for f in jumps]
+
+
+def leans_in_vain(flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]) -> bool:
+    """Whether the autopilot leans as the best estimate does, and as that of an IMU that is turned so it does not.
+
+    Its windows alone may take a gyro that begins to be off on a circle for an IMU that sits askew. tilted: its roll and
+    pitch, rad.
+    """
+
+    def leans(tilted: tuple[float, float]) -> bool:
+        return any(one.quantity == "tilt" for one in estimator_deviations(flight, best, limits, tilted))
+
+    return any(tilted) and leans(tilted) and not leans((0.0, 0.0))
+
+
+def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> Finding:
+    """A jump, as serious as the best estimate takes the autopilot to be at that time.
+
+    Without GPS it knows nothing of positions: then a large jump says that the autopilot was wrong before it or is wrong
+    after it, and an estimator that corrects itself accuses nobody.
+    """
+    off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
+    if jump.severity != "error" or are_near(off, jump.start_s):
+        return jump
+    size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
+    if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:
+        words = (
+            f"{jump.evidence}; without GPS it cannot be told whether the position was wrong before it or is after it"
+        )
+        return replace(jump, side="data", severity="warning", evidence=words, cause=None, undecided=True)
+    return replace(jump, severity="info")
+
 
 _ARMING = ("armed", "disarmed")
 
@@ -55,12 +119,12 @@ def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Fin
     flight, all_findings = screened_aiding(flight, None)
     tracks = [track.t for track in (flight.attitude, flight.position) if track is not None and len(track) > 1]
     if tracks:
-        heard = max(tracks, key=len)
-        all_findings += outage_findings(flight, heard, np.diff(heard) > limits.longest_step(heard))
+        received = max(tracks, key=len)
+        all_findings += outage_findings(flight, received, np.diff(received) > limits.longest_step(received))
     all_findings += [*receiver_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
-    told = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
+    judged = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
     landed = landed_at(parts) - check.HEARTBEAT_S
-    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in told]
+    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in judged]
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
@@ -72,15 +136,15 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     parts = phases(flight)
     aligned = aligned_at(parts)
     lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
-    told = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
+    reported = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
             continue
         others = [other for other in flight.imus.values() if other.instance != track.instance]
         stuck = stuck_findings(compare(flight, track=track, how=comparison.how), others, ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
-        mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
-        told |= {(track.instance, _sensor(f)) for f in mine}
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
+        reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
 
 

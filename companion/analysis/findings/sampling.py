@@ -88,8 +88,8 @@ def stamp_findings(
     """
     track = comparison.track
     period, interval = float(np.median(np.diff(track.t))), np.diff(track.t)
-    heard = interval[interval < check.GAP_PERIODS * period]
-    off = np.abs(heard - np.maximum(1.0, np.round(heard / period)) * period)
+    within = interval[interval < check.GAP_PERIODS * period]
+    off = np.abs(within - np.maximum(1.0, np.round(within / period)) * period)
     uneven = float(np.percentile(off, 90))
     if uneven > max(healthy.UNEVEN_PERIOD * period, healthy.UNEVEN_S):
         yield Finding(

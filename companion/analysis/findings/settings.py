@@ -2,30 +2,101 @@
 
 Each is known to the best estimate from the sensors alone. What is found is said with the value to set; it accuses
 nobody: what it did to the estimate is found as such.
+
+The parameters of the vehicle that say how a sensor sits and how late it is: their names, and what would mend them.
+
+ArduPilot: AP_AHRS (AHRS_ORIENTATION turns every IMU of the board, and its internal compasses), AP_Compass
+(COMPASS_ORIENT, of external ones alone; AP_Compass_Backend.cpp, rotate_field). PX4: SENS_BOARD_ROT, and CAL_MAGn_ROT,
+-1 for an internal compass (lib/sensor_calibration/Magnetometer.cpp). Both take a reading by it into the body.
+
+Findings about compass and IMU that are turned against each other since the start of the log.
+
+Two sensors do not tell which of them sits otherwise than its setting says. A third does: gravity, or the vehicle's own
+control. What hangs at its thrust and flew upright had its IMU right to half of 45° about every axis: with a board that
+is turned further it would have leant another way than it was told to, and turned over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.finding import Finding, digits
-from companion.analysis.parameters import parameter
+from companion.analysis.finding import Cause, Finding, digits
+from companion.analysis.loss_of_control import UPRIGHT, down_in_body
 from companion.analysis.phases import flown, phases
 from companion.analysis.reference import Limits, attitude_error, reference_at
 from companion.constants import check, harm, healthy, num
-from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, kind_of
-from companion.model import Array, Flight
+from companion.estimation import (
+    ATTITUDE,
+    CONSTANTS,
+    BestEstimate,
+    TurnedCompass,
+    field_at,
+    kind_of,
+    righted,
+    turned_compasses,
+)
+from companion.model import ORIENTATIONS, Array, Flight, orientation_name, orientation_number, orientations
+from companion.strapdown import quaternion
+
+
+def parameter(flight: Flight, *names: str) -> tuple[str, float] | None:
+    """The first of these that the log has, and its value when it began; None where it has none."""
+    return next(((name, flight.parameters[name]) for name in names if name in flight.parameters), None)
+
+
+def board_orientation(flight: Flight) -> str:
+    """What the orientation of the board is called; in general words at an autopilot that is not known."""
+    return {"ARDUPILOTMEGA": "AHRS_ORIENTATION", "PX4": "SENS_BOARD_ROT"}.get(
+        flight.vehicle.autopilot, "the orientation of the board"
+    )
+
+
+def compass_orientation(flight: Flight, instance: int) -> str:
+    """The same of a compass."""
+    number = "" if instance == 0 else str(instance + 1)
+    return {"ARDUPILOTMEGA": f"COMPASS_ORIENT{number}", "PX4": f"CAL_MAG{instance}_ROT"}.get(
+        flight.vehicle.autopilot, "the orientation of the compass"
+    )
+
+
+def is_internal(flight: Flight, instance: int) -> bool | None:
+    """Whether a compass turns with the board; None where the log does not tell."""
+    number = "" if instance == 0 else str(instance + 1)
+    external = parameter(flight, f"COMPASS_EXTERN{number}", f"COMPASS_EXTERNAL{number}")
+    if external is not None:
+        return external[1] == 0.0
+    rotation = parameter(flight, f"CAL_MAG{instance}_ROT")
+    return None if rotation is None else rotation[1] < 0.0
+
+
+def mended(flight: Flight, name: str, turn: Array, turned_by: str = "") -> str:
+    """The value of an orientation by which its readings would be turned further by a rotation (4,), in words.
+
+    turned_by: what its readings are turned by now, where that is another parameter. Where the log does not have what is
+    set now, the turn itself; where that, or the value, is none of the list, the name alone.
+    """
+    now = flight.parameters.get(turned_by or name, np.nan)
+    if not 0 <= now < len(ORIENTATIONS):
+        further, apart = orientation_number(turn)
+        listed = apart < check.ORIENTATION_EXACT_RAD
+        return f"{name} (turned further by {orientation_name(further)})" if listed else name
+    number, apart = orientation_number(quaternion.multiply(turn, orientations()[int(now)]))
+    if apart > check.ORIENTATION_EXACT_RAD:
+        return name
+    now_set = "" if turned_by else f"; now {now:g}"
+    return f"{name} to {number} ({orientation_name(number)}{now_set})"
 
 
 def setting_findings(flight: Flight, best: BestEstimate, limits: Limits) -> Iterator[Finding]:
     """Those of a flight; its IMU has to fit the other sensors, which tell nothing else."""
     if best.contradicted:
         return
-    for told in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
-        if told is not None:
-            kind, evidence, advice = told
+    for setting in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
+        if setting is not None:
+            kind, evidence, advice = setting
             yield Finding(kind, "data", "warning", float(best.t[0]), float(best.t[-1]), evidence, advice)
 
 
@@ -100,7 +171,7 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
 def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
     setting = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
-    measured = _told(best, "gps_latency")
+    measured = _well_observed(best, "gps_latency")
     if setting is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
         return None
     name, value = setting
@@ -124,7 +195,7 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
 
 def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """An antenna that sits elsewhere than is set."""
-    measured = _told(best, "lever_arm")
+    measured = _well_observed(best, "lever_arm")
     names = next((one for one in _ANTENNA if f"{one[0]}_X" in flight.parameters), None)
     if measured is None or names is None:
         return None
@@ -144,13 +215,86 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
 _ANTENNA = (("GPS1_POS", "INS_POS1"), ("GPS_POS1", "INS_POS1"), ("EKF2_GPS_POS", "EKF2_IMU_POS"))
 
 
-def _told(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
+def _well_observed(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
     """A constant of the flight and its 1σ, where the flight tells far more of it than was believed before."""
     place, believed = CONSTANTS[name]
     sigma = best.constants_sigma[place]
-    told = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
-    return (best.states.constant(name), sigma) if told else None
+    observed = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
+    return (best.states.constant(name), sigma) if observed else None
 
 
 def _changes(best: BestEstimate, kind: str) -> bool:
     return any(one.kind == kind for one in best.explained)
+
+
+def righted_compasses(
+    flight: Flight, best: BestEstimate, without_compass: Callable[[Flight], BestEstimate]
+) -> tuple[Flight, list[Finding]]:
+    """The flight with compasses turned as they have to be, and a finding for each; as it is where none is turned.
+
+    best, without_compass: as for `turned_compasses`.
+    """
+    turned = turned_compasses(flight, best, without_compass)
+    return (righted(flight, turned) if turned else flight), [_finding(flight, one, best) for one in turned]
+
+
+def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
+    turn = orientations()[one.orientation]
+    internal = bool(is_internal(flight, one.instance))  # a board that is turned takes it along
+    sure = internal or _imu_is_right(flight, best, turn)
+    board = board_orientation(flight)
+    compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
+    what = "" if sure else " and the IMU are turned against each other"
+    words = (
+        f"the compass ({one.source}){what or ' is turned'} by {orientation_name(one.orientation)} since the start of "
+        f"the log: so turned, its readings are {np.degrees(one.left):.0f}° off the Earth's field, as they are "
+        f"{np.degrees(one.off):.0f}°"
+    )
+    begin, end = float(best.t[0]), float(best.t[-1])
+    if not sure:
+        evidence = f"{words}; which of them sits so, or is set so, cannot be told"
+        turned_board = mended(flight, board, quaternion.conjugate(turn))
+        advice = f"Set {compass} if the compass is mounted so, or {turned_board} if the board is."
+        return Finding("compass_orientation", "data", "warning", begin, end, evidence, advice, undecided=True)
+    size = float(2.0 * np.arccos(min(abs(turn[0]), 1.0)))
+    cause = Cause("compass_orientation", "data", begin, sensor="compass", size=size, unit="rad")
+    advice = f"Set {compass}, and calibrate the compass again."
+    if internal:
+        advice = f"It is set to be internal, turned with {board}: if it is external, say so and set {compass}."
+    return Finding("compass_orientation", "data", "warning", begin, end, words, advice, words, cause)
+
+
+def _imu_is_right(flight: Flight, best: BestEstimate, turn: Array) -> bool:
+    """Whether gravity or the vehicle's control says that the IMU cannot be turned by the reverse of a rotation (4,).
+
+    Gravity tells of a rotation that leaves down not where it is: half of the time the vehicle is nearly upright.
+    """
+    half = np.cos(num.ORIENTATION_HALF_RAD)
+    upright = float(np.median(down_in_body(best.q_ned_frd)[:, 2])) > half
+    tilts = float(down_in_body(turn[None])[0, 2]) < half
+    flew = flight.vehicle.type in UPRIGHT and bool(flown(phases(flight)))
+    return upright and (tilts or flew)
+
+
+_SHOWS = ("heading_off", "heading_jump", "velocity_off", "position_off", "compass_turn")
+
+
+def misled_by_turned(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, where a turned compass misled the autopilot with that as the cause.
+
+    Where it may be the board as well, what it led to accuses nobody.
+    """
+    turned = next((one for one in findings if one.kind == "compass_orientation"), None)
+    led = [f for f in findings if f.kind in _SHOWS and f.side == "autopilot" and f.severity == "error"]
+    if turned is None or not led:
+        return list(findings)
+    words = led[0].headline or led[0].evidence
+    evidence = f"{turned.evidence}; the autopilot was misled by it: {words}"
+    if turned.undecided:
+        instead = {id(f): replace(f, side="data", severity="warning", undecided=True) for f in led}
+        instead[id(turned)] = replace(turned, evidence=evidence)
+    else:
+        consequences = tuple(f.headline or f.evidence for f in led)
+        cause = None if turned.cause is None else replace(turned.cause, side="autopilot", consequences=consequences)
+        instead = {id(turned): replace(turned, side="autopilot", severity="error", evidence=evidence, cause=cause)}
+    return [instead.get(id(f), f) for f in findings]

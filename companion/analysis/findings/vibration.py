@@ -1,20 +1,137 @@
-"""Findings about shaking: as the vehicle measures it, as the samples show it, and as noise beyond the data sheet."""
+"""Findings about shaking: as the vehicle measures it, as the samples show it, and as noise beyond the data sheet.
+
+Findings about an axis that becomes noisier for a while, beside its neighbours and beside itself.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Finding, Severity
+from companion.analysis.fault_interval import SENSORS
+from companion.analysis.finding import Cause, Finding, Severity, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
-from companion.constants import harm, healthy
+from companion.analysis.reference import BoolArray
+from companion.constants import check, harm, healthy, priors
 from companion.estimation import clip_counters, vibration
-from companion.model import STANDARD_GRAVITY, Array, Flight, Series, counted, of_kind
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, Series, counted, of_kind
+
+
+def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack], changes: Sequence[float] = ()) -> Iterator[Finding]:
+    """One axis of a sensor that is noisier for 6 s or more than at any other time, while its neighbours are not.
+
+    Its noise is that between samples, from fourth differences, which no manoeuvre moves. The test statistic is the
+    logarithm of its ratio to that of the noisier neighbour: shaking and motors change all axes of a sensor. Among B
+    blocks of 2 s it scatters with a standard deviation that the other blocks tell, so that its excess has Student's t
+    distribution; over all six axes and all blocks nothing is said by chance in 999 of 1000 flights of an IMU in order.
+
+    A resonance may shake one axis too: only an IMU beside it, which does not feel it, makes it the sensor's fault.
+    changes: s, in order, between which it is compared with itself: motors shake the axes of a sensor unequally.
+    """
+    for name in ("gyro", "accel"):
+        start, whole = _levels(track, name)
+        for since, until in pairwise([-np.inf, *changes, np.inf]):
+            at = int(np.searchsorted(start[:-1], since))
+            level = whole[at : max(at, int(np.searchsorted(start, until, side="right")) - 1)]
+            for axis in range(3):
+                for first, last in _noisier(level, axis):
+                    begin, end = float(start[at + first]), float(start[at + last + 1])
+                    factor, alone = _factor(level[:, axis], first, last), _alone(name, axis, begin, end, others)
+                    yield _finding(name, axis, begin, end, factor, alone)
+
+
+def _levels(track: ImuTrack, name: str) -> tuple[Array, Array]:
+    """Start of each block (B+1,) s, the end of the last with them, and log of the noise (1σ) of each axis (B, 3)."""
+    readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+    size = max(check.NOISIER_BLOCK, round(check.NOISIER_BLOCK_S * track.rate_hz))
+    changes = np.diff(readings, check.NOISIER_ORDER, axis=0)
+    blocks = len(changes) // size
+    if blocks < 1:
+        return track.t[:1], np.zeros((0, 3))
+    squares = changes[: blocks * size].reshape(blocks, size, 3) ** 2
+    variance = squares.mean(axis=1) / check.NOISIER_GAIN + step**2 / 12.0
+    return track.t[: blocks * size + 1 : size], 0.5 * np.log(np.maximum(variance, 1e-300))
+
+
+def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
+    """First and last block of stretches in which the noise (log, (B, 3)) of an axis has no chance to be usual."""
+    if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS:
+        return
+    ratio = level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
+    usual = np.median(ratio)
+    first, last = run_edges(np.asarray(ratio > usual + np.log(2.0)))
+    for i, j in zip(first.tolist(), last.tolist(), strict=True):
+        outside = np.ones(len(level), np.bool_)
+        outside[max(i - 1, 0) : j + 2] = False
+        stretch = _longest(level, axis, slice(i, j + 1), outside)
+        # from the start on it became nothing
+        if stretch is None or outside.sum() < check.NOISIER_OTHERS or stretch[0] == 0:
+            continue
+        begin, end = stretch
+        others = ratio[outside]
+        spread = max(float(others.std(ddof=1)), check.NOISIER_MIN_SPREAD) * np.sqrt(1.0 + 1.0 / len(others))
+        excess = (float(ratio[begin : end + 1].min()) - float(others.mean())) / spread
+        if _tail(excess, len(others) - 1) * 6 * len(level) < priors.FALSE_ALARM:
+            yield begin, end
+
+
+def _longest(level: Array, axis: int, part: slice, outside: BoolArray) -> tuple[int, int] | None:
+    """The longest stretch in a part of the blocks in which the axis is noisier than in any block outside."""
+    if not outside.any():
+        return None
+    first, last = run_edges(np.asarray(level[part, axis] > level[outside, axis].max()))
+    if not len(first) or (last - first).max() + 1 < check.NOISIER_MIN_BLOCKS:
+        return None
+    longest = int(np.argmax(last - first))
+    return part.start + int(first[longest]), part.start + int(last[longest])
+
+
+def _tail(t: float, freedom: int) -> float:
+    """P(T > t) of Student's t distribution, by the approximation of D. L. Wallace (1959)."""
+    z = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t * t / freedom))
+    return NormalDist().cdf(-float(z)) if t > 0.0 else 1.0
+
+
+def _factor(level: Array, first: int, last: int) -> float:
+    """How many times noisier than usual."""
+    return float(np.exp(np.median(level[first : last + 1]) - np.median(level)))
+
+
+def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuTrack]) -> bool:
+    """Whether another IMU tells of that time, and the same axis of none is noisier then."""
+    recorded = False
+    for other in others:
+        start, level = _levels(other, name)
+        if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS or start[0] > begin or start[-1] < end:
+            continue
+        recorded = True
+        if any(start[i] < end and start[j + 1] > begin for i, j in _noisier(level, axis)):
+            return False
+    return recorded
+
+
+def _finding(name: str, axis: int, begin: float, end: float, factor: float, alone: bool) -> Finding:
+    words = f"{SENSORS[name]} {'xyz'[axis]} is {factor:.0f} times noisier than usual, and its other axes are not"
+    if not alone:
+        words += "; a resonance about one axis does this too"
+    return Finding(
+        f"{name}_noise",
+        "imu",
+        "error" if alone else "warning",
+        begin,
+        end,
+        words,
+        "Look at its power and wiring, or what was loose at that time; a second IMU in the log tells which.",
+        cause=Cause(f"{name}_noise", "imu", begin, end, sensor=name, axis="xyz"[axis]) if alone else None,
+        undecided=not alone,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +158,14 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
     The vehicle's own VIBRATION or VIBE is from the IMU at its full rate. Without it, the samples say the least that it
     can be.
     """
-    said = False
+    reported = False
     for series in of_kind(flight.series, "vibration"):
         if "x_mps2" in series.columns and len(series):
-            said = True
+            reported = True
             yield from _level(series.t, series.values[:, :3], series.source, harm.VIBRATION_HIGH)
         yield from _clips(series)
     level = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
-    if not said and level is not None:
+    if not reported and level is not None:
         yield from _level(
             level.t, level.accel, f"what the samples of {comparison.track.source} show of it", harm.VIBRATION_SAMPLED
         )

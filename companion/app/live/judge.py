@@ -78,7 +78,7 @@ class Judge:
         self._stream.push(data, received)
         self._newest = received
 
-    def heard(self, received: float) -> None:
+    def received_at(self, received: float) -> None:
         """Somebody else has given the stream what arrived until then."""
         self._newest = received
 
@@ -97,18 +97,18 @@ class Judge:
             return self.last
         changed = "" if before is None or flight.vehicle == before.vehicle else f"{before.vehicle} is silent. "
         self._judged = flight
-        status, text, expected = self._said(flight)
+        status, text, expected = self._status_of(flight)
         if changed and str(flight.vehicle) != last.vehicle:
             text = f"Vehicle {flight.vehicle} is judged from now on: {changed}{text}"
-        said = replace(
+        verdict = replace(
             last, status=status, text=text, newest=self._newest, expected=expected, vehicle=str(flight.vehicle)
         )
         if status in _SUSPECT:
-            said = replace(said, alarms=_noted(last.alarms, self._since, status, text, self._newest))
+            verdict = replace(verdict, alarms=_noted(last.alarms, self._since, status, text, self._newest))
             self._since = min(self._since, self._newest)
         elif status == "consistent":
             self._since = math.inf
-        self.last = replace(said, was_consistent=last.was_consistent or status == "consistent")
+        self.last = replace(verdict, was_consistent=last.was_consistent or status == "consistent")
         return self.last
 
     def stirred(self) -> bool:
@@ -151,7 +151,7 @@ class Judge:
         self.others = tuple(str(one.vehicle) for one in newest.values() if one is not flight)
         return flight
 
-    def _said(self, flight: Flight) -> tuple[State, str, Band]:
+    def _status_of(self, flight: Flight) -> tuple[State, str, Band]:
         part = phases(flight)[-1]
         aligning = part.kind == "aligning" or (part.kind == "standing" and self._is_young(flight))
         if aligning and flight.attitude is not None:
@@ -190,14 +190,14 @@ class Judge:
             self._aloft_s = -math.inf
         if kind == "flight":
             self._aloft_s = end
-        self._tells |= any(event.text in _TOLD for event in flight.events)
+        self._tells |= any(event.text in _REPORTS for event in flight.events)
         came_down = any((e.kind == "disarmed" or e.text == "landed") and e.t > self._aloft_s for e in flight.events)
         if came_down or (kind == "landed" and not self._tells):
             self._aloft_s = -math.inf
         return math.isfinite(self._aloft_s)
 
 
-_TOLD = ("took off", "in the air", "landed")
+_REPORTS = ("took off", "in the air", "landed")
 _WHERE = {"standing": "on the ground", "landed": "after landing"}
 
 

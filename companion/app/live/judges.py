@@ -39,7 +39,7 @@ class Judges:
         self._stream.push(data, received)
         self._newest = received
         for pace in self._paces:
-            pace.judge.heard(received)
+            pace.judge.received_at(received)
 
     def choose(self, judging: Callable[[], Judging], imu: str | None) -> None:
         """Judge otherwise, or another IMU, from now on: every record begins anew."""
@@ -52,17 +52,17 @@ class Judges:
     def step(self, now: float) -> LiveVerdict | None:
         """What is to be said now of one of them, each in its turn; None where nothing is new."""
         for pace in tuple(self._paces):
-            said = pace.step(now)
-            if said is not None:
+            verdict = pace.step(now)
+            if verdict is not None:
                 self._paces.remove(pace)  # behind all others
                 self._paces.append(pace)
                 self._meet(pace.judge)
-                return said
+                return verdict
         return None
 
     def _pace(self, vehicle: str | None) -> Pace:
         judge = Judge(self._judging(), dialect=self._dialect, imu=self._imu, vehicle=vehicle, stream=self._stream)
-        judge.heard(self._newest)
+        judge.received_at(self._newest)
         return Pace(judge)
 
     def _meet(self, judge: Judge) -> None:

@@ -34,7 +34,7 @@ class _Whole:
     present: Present
     how: Integration
     newest: float  # s UNIX, when the newest message of then arrived
-    asked: tuple[object, ...]
+    requested: tuple[object, ...]
 
 
 class LiveReplay:
@@ -89,7 +89,7 @@ class LiveReplay:
     def _gone_on(self) -> Present | None:
         """The last look at everything carried on; None where it is time for another, or nothing else can tell."""
         whole = self._whole
-        if whole is None or whole.asked != self._asked or self._stream.newest - whole.newest > _WHOLE_S:
+        if whole is None or whole.requested != self._requested or self._stream.newest - whole.newest > _WHOLE_S:
             return None
         present = whole.present
         newest = self._stream.extend(present.flight, present.imu, whole.newest - _OVERLAP_S)
@@ -101,7 +101,7 @@ class LiveReplay:
         return Present(present.flight, present.imu, continued.replay, continued)
 
     @property
-    def _asked(self) -> tuple[object, ...]:
+    def _requested(self) -> tuple[object, ...]:
         """What the user wants to see: another wish is another look."""
         return self.vehicle, self.imu, self.how, self._reanchor_s
 
@@ -127,7 +127,7 @@ class LiveReplay:
         self._anchor = float(both.anchors[-2 if len(both.anchors) > 1 else -1])
         self.why_not = ""
         present = Present(flight, flight.imu(imu).source, both, None)
-        self._whole = _Whole(present, how, self._stream.newest, self._asked)
+        self._whole = _Whole(present, how, self._stream.newest, self._requested)
         return present
 
     @property

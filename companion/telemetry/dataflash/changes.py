@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import EstimatorReset, ParameterChange, ResetKind, StatusText
-from companion.telemetry import announced
+from companion.telemetry import events
 from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores, primary_cores
 
 _EVENTS: Mapping[int, tuple[ResetKind, str]] = {60: ("height", "EKF height reset"), 62: ("heading", "EKF yaw reset")}
@@ -45,7 +45,7 @@ def resets(
 def _by_text(texts: Sequence[StatusText], parameters: Mapping[str, float], mine: Flew) -> Iterator[EstimatorReset]:
     """Texts name the IMU of a core."""
     cores = {imu: core for core in range(8) if (imu := imu_of_core(core, mine.prefix, parameters)) is not None}
-    for reset in announced.text_resets(texts):
+    for reset in events.text_resets(texts):
         core = reset.core
         yield reset if core is None or reset.kind == "lane" else replace(reset, core=cores.get(core, core))
 
@@ -73,7 +73,7 @@ def _lanes(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorRese
     """Changes of XKF4.PI."""
     if (one := primary_cores(records, mine.prefix)) is not None:
         words = "the EKF's primary core is {core}, and was {before}"
-        yield from announced.lane_changes(one.t, one["PI"].astype(np.int64), words)
+        yield from events.lane_changes(one.t, one["PI"].astype(np.int64), words)
 
 
 def parameter_changes(records: Mapping[str, Records]) -> tuple[ParameterChange, ...]:
@@ -81,4 +81,4 @@ def parameter_changes(records: Mapping[str, Records]) -> tuple[ParameterChange, 
     if "PARM" not in records:
         return ()
     one = records["PARM"]
-    return announced.parameter_changes(one["Name"].tolist(), one.t, one["Value"].astype(np.float64))
+    return events.parameter_changes(one["Name"].tolist(), one.t, one["Value"].astype(np.float64))

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, BiasTrack, DataError, SensorInUse
-from companion.telemetry import announced
+from companion.telemetry import events
 from companion.telemetry.samples import commonest, in_use, increasing
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
@@ -89,7 +89,7 @@ def reference_core(records: Mapping[str, Records], mine: Flew, chosen: int | Non
 def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
     """The IMU of a core; None for one that the mask has not, and for the first EKF, which mixes two IMUs."""
     mask = _EKFS[prefix][1]
-    return announced.imu_of_core(core, parameters.get(mask, np.nan)) if mask else None
+    return events.imu_of_core(core, parameters.get(mask, np.nan)) if mask else None
 
 
 def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:

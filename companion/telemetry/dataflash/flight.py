@@ -3,6 +3,11 @@
 Attitude and position are those of the primary EKF core (XKQ and XKF1, or NKQ and NKF1 of EKF2), which live in the frame
 of the IMU: AHRS_TRIM plays no part. Where a log has none, ATT is taken, which is what ATTITUDE would have said.
 Sources: ArduPilot `libraries/AP_Logger/LogStructure.h`, `AP_NavEKF3/LogStructure.h`, `AP_NavEKF3_Logging.cpp`.
+
+What a simulator knows, what the controller wanted, and what it asked of the motors.
+
+Sources: ArduPilot `SITL/SITL.cpp` (SIM, SIM2), `AP_AHRS/LogStructure.h` (ATT), `AP_Logger/LogStructure.h` (RCOU, RCO2,
+RCO3).
 """
 
 from __future__ import annotations
@@ -15,25 +20,114 @@ import numpy as np
 
 from companion.logs import RecordLayout, Records
 from companion.mavlink import Dialect
-from companion.model import Array, Flight, StatusText, Vehicle, counted
+from companion.model import (
+    ActuatorTrack,
+    Array,
+    ControlTrack,
+    Flight,
+    StatusText,
+    TruthTrack,
+    Vehicle,
+    counted,
+    from_euler,
+)
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
-from companion.telemetry.arrival import arrival
-from companion.telemetry.dataflash import aiding, changes, cores, imu, lanes, pose, sensors
+from companion.telemetry.control import actuators_of, control_of, side_by_side, truth_track
+from companion.telemetry.convert import trim
+from companion.telemetry.dataflash import changes, cores, imu, lanes, pose
+from companion.telemetry.dataflash.pose import ekf_origin, turned_by
 from companion.telemetry.dataflash.rows import with_times
+from companion.telemetry.dataflash.sensors import NEEDED, record_sensors
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.firmware import banner, vehicle_type
+from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import declination, identity, possible, setting_names, values_of
+from companion.telemetry.samples import increasing
 from companion.telemetry.sanitize import words
+from companion.telemetry.sources import SI
+
+_OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
+"""Records of the outputs → how many they have; each goes on where the one before ends."""
+
+_TRUTH: Mapping[str, tuple[str, ...]] = {
+    "SIM": ("Lat", "Lng", "Alt", "Roll", "Pitch", "Yaw"),
+    "SIM2": ("VN", "VE", "VD"),
+}
+"""Columns that these records must have."""
+
+_DESIRED = ("DesRoll", "DesPitch", "DesYaw")
+
+
+def truth(records: Mapping[str, Records]) -> TruthTrack | None:
+    """SITL's own state: SIM, with the velocity of SIM2 where that is logged; position about the estimator's origin."""
+    if "SIM" not in records:
+        return None
+    one = records["SIM"]
+    if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
+        q = one.columns("Q1", "Q2", "Q3", "Q4")
+    else:
+        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
+    velocity = np.full((len(one), 3), np.nan)
+    if "SIM2" in records:
+        fine = records["SIM2"]
+        for i, name in enumerate(("VN", "VE", "VD")):
+            velocity[:, i] = np.interp(one.t, fine.t, fine[name], left=np.nan, right=np.nan)
+    place = one.columns("Lat", "Lng", "Alt") * (SI["deg"], SI["deg"], 1.0)
+    return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
+
+
+def control(
+    records: Mapping[str, Records], parameters: Mapping[str, float], *, in_imu_frame: bool
+) -> ControlTrack | None:
+    """The desired attitude of ATT, in the frame of the attitude track.
+
+    in_imu_frame: that is the IMU's; ATT speaks of the vehicle's, which AHRS_TRIM turns.
+    """
+    one = records.get("ATT")
+    if one is None or not one.layout.has_numbers(*_DESIRED):
+        return None
+    angles = np.radians(one.columns(*_DESIRED))
+    if not angles.any():
+        return None
+    q = from_euler(*angles.T)
+    if in_imu_frame and (level := trim(parameters)) is not None:
+        q = turned_by(q, from_euler(*level, 0.0))
+    return control_of("ATT", one.t, q)
+
+
+def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
+    """RCOU: the first 8 or 14 outputs; RCO2 and RCO3: 15 to 18, and 19 to 32. None where none of them is in use."""
+    banks: list[tuple[Array, Array]] = []
+    for name, count in _OUTPUTS.items():
+        one = records.get(name)
+        if one is None and not banks:
+            return None
+        pulses = _pulses(one, count)
+        keep = slice(0) if one is None else increasing(one.t, np.isfinite(one.t))
+        banks.append((np.zeros(0) if one is None else one.t[keep], pulses[keep]))
+    return actuators_of("RCOU", *side_by_side(banks), parameters)
+
+
+def _pulses(one: Records | None, count: int) -> Array:
+    """µs (N, count), NaN for outputs that the records lack."""
+    if one is None:
+        return np.zeros((0, count))
+    names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)][:count]
+    pulses = np.full((len(one), count), np.nan)
+    for i, name in enumerate(names):
+        pulses[:, i] = one[name]
+    return pulses
+
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
-_MOST_TOLD = 8  # kinds of record, where no flight is made of them
+_MOST_LISTED = 8  # kinds of record, where no flight is made of them
 
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     **imu.NUMBERS,
     **cores.NUMBERS,
     **pose.NUMBERS,
-    **aiding.NUMBERS,
+    **_TRUTH,
     "GPS": ("Lat", "Lng", "Alt"),
     "PARM": ("Value",),
 }
@@ -41,7 +135,7 @@ _WORDS = {"PARM": "Name", "MSG": "Message"}
 
 _OTHERS = {"EV", "ERR", "MODE", "ARM", "VER", "XKFS", "AHR2"}
 
-RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | aiding.OUTPUTS.keys() | _OTHERS
+RECORDS = NEEDED | _NUMBERS.keys() | _WORDS.keys() | _OUTPUTS.keys() | _OTHERS
 """Records whose fields a flight is made of."""
 
 
@@ -91,7 +185,7 @@ def dataflash_flight(
 def why_no_flight(messages: Mapping[str, Records]) -> str:
     """Why a .bin of which there is no flight has none."""
     counts = {name: len(one) for name, one in messages.items()}
-    most = sorted(counts, key=lambda name: -counts[name])[:_MOST_TOLD]
+    most = sorted(counts, key=lambda name: -counts[name])[:_MOST_LISTED]
     has = f"it has {', '.join(f'{name} ({counts[name]:,})' for name in most)}" if most else "it has no record"
     imu = "" if "IMU" in counts else "it has no IMU (LOG_BITMASK), and "
     return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"
@@ -122,8 +216,8 @@ def _without_tracks(
         texts=texts,
         messages={name: arrival(t, 0) for name, t in times.items()},
         on_board=True,
-        actuators=aiding.actuators(records, parameters),
-        truth=aiding.truth(records),
+        actuators=actuators(records, parameters),
+        truth=truth(records),
         imu_in_use=cores.imu_in_use(records, parameters, flew),
         aiding_in_use=cores.aiding_in_use(records, flew),
         lane_in_use=lanes.lane_in_use(records, flew),
@@ -134,7 +228,7 @@ def _without_tracks(
 
 def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, core: int, notes: list[str]) -> Flight:
     """The IMUs, and all that lives in their frame: where only ATT tells the attitude, theirs becomes that of ATT."""
-    series = sensors.record_sensors(records, flew.prefix, core, notes)
+    series = record_sensors(records, flew.prefix, core, notes)
     imus = imu.imu_tracks(records, flight.vehicle, flight.parameters, notes)
     biases = cores.bias_tracks(records, flight.parameters, flew)
     sampled = pose.attitude(records, flew, core, flight.parameters)
@@ -153,7 +247,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         series=series,
         **aiding_tracks(series, notes, turns),
         biases=biases,
-        control=aiding.control(records, flight.parameters, in_imu_frame=in_imu_frame),
+        control=control(records, flight.parameters, in_imu_frame=in_imu_frame),
         lanes=lanes.lanes(records, flight.parameters, flew, in_imu_frame=in_imu_frame),
     )
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, EstimatorLane, SensorInUse, from_euler
+from companion.telemetry.aiding import has_position
 from companion.telemetry.convert import trim
-from companion.telemetry.dataflash.aiding import turned_by
 from companion.telemetry.dataflash.cores import (
     NUMBERS,
     Flew,
@@ -22,9 +22,8 @@ from companion.telemetry.dataflash.cores import (
     primary_cores,
     sensors_of_core,
 )
-from companion.telemetry.dataflash.pose import by_dcm
+from companion.telemetry.dataflash.pose import by_dcm, turned_by
 from companion.telemetry.samples import attitudes, in_use
-from companion.telemetry.validity import has_position
 
 _EULER = ("Roll", "Pitch", "Yaw")
 _NAMES = {"XK": "EKF3", "NK": "EKF2", "EK": "EKF1"}

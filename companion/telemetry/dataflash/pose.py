@@ -22,12 +22,11 @@ from companion.model import (
     from_euler,
     interpolated,
 )
+from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
-from companion.telemetry.outliers import BoolArray
 from companion.telemetry.parameters import NOT_EKF
-from companion.telemetry.samples import attitude_track, attitudes, place, position_track
-from companion.telemetry.validity import has_position
+from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
 
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
@@ -123,20 +122,20 @@ def origin(records: Mapping[str, Records]) -> Origin | None:
     for name in ("POS", "GPS"):
         if (one := records.get(name)) is not None and len(fixed := np.flatnonzero(_is_place(one))):
             return _place(one, int(fixed[0]), float(one.t[fixed[0]]))
-    return _told(records, None, 0)
+    return _named_place(records, None, 0)
 
 
 def ekf_origin(records: Mapping[str, Records]) -> Origin | None:
     """Where the estimate's position is zero."""
-    return _told(records, _EKF_ORIGIN, -1)
+    return _named_place(records, _EKF_ORIGIN, -1)
 
 
 def home(records: Mapping[str, Records]) -> Origin | None:
     """The last home that ORGN names: it is set again where the vehicle arms."""
-    return _told(records, _HOME, -1)
+    return _named_place(records, _HOME, -1)
 
 
-def _told(records: Mapping[str, Records], kind: int | None, which: int) -> Origin | None:
+def _named_place(records: Mapping[str, Records], kind: int | None, which: int) -> Origin | None:
     """One of the places that ORGN names, of a kind where it tells it."""
     if (one := records.get("ORGN")) is None:
         return None
@@ -166,3 +165,10 @@ def epoch(records: Mapping[str, Records]) -> Epoch | None:
     fixed = gps["Status"] >= _FIX_3D
     week, seconds = gps[dated[0]][fixed].astype(np.float64), gps[dated[1]][fixed] * 1e-3
     return epoch_of(gps_to_unix(week, seconds), gps.t[fixed], "GPS")
+
+
+def turned_by(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (N, 4) with one (4,): first b, then a."""
+    w, x, y, z = b
+    right = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    return np.asarray(a @ right)

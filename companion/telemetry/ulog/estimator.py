@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
-from companion.telemetry.announced import lane_changes
+from companion.telemetry.events import lane_changes
 from companion.telemetry.samples import commonest, in_use, increasing
 from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 

@@ -14,19 +14,27 @@ from companion.logs import Ulog, UlogTopic
 from companion.mavlink import px4_nav_state_name
 from companion.model import Array, Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
-from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.firmware import UNKNOWN, release
+from companion.telemetry.flights import arrival
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.quantities import series_of
 from companion.telemetry.sanitize import words
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
-from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.lanes import lane_in_use, lanes
-from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track, truth
+from companion.telemetry.ulog.pose import (
+    actuator_track,
+    attitude_track,
+    control_track,
+    epoch,
+    home,
+    origin,
+    position_track,
+    truth,
+)
 from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
 from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, topics_of
 
@@ -123,10 +131,10 @@ def _vehicle(
 
 def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
     """The last value of each, and the changes while the log ran. What is left out is added to the notes."""
-    said = [(-np.inf, name, value) for name, value in log.parameters.items()]
-    said += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
-    numbers = [(t, words(name), float(value)) for t, name, value in said if isinstance(value, int | float)]
-    if left_out := len(said) - len(numbers):
+    set_values = [(-np.inf, name, value) for name, value in log.parameters.items()]
+    set_values += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
+    numbers = [(t, words(name), float(value)) for t, name, value in set_values if isinstance(value, int | float)]
+    if left_out := len(set_values) - len(numbers):
         notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
     values = possible([name for _, name, _ in numbers], np.array([value for *_, value in numbers]), notes).tolist()
     known = [(t, name, value) for (t, name, _), value in zip(numbers, values, strict=True) if np.isfinite(value)]

@@ -22,9 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
-from companion.telemetry.outliers import Ranges
 from companion.telemetry.parts import part_ranges
-from companion.telemetry.samples import commonest, imu_track, increasing
+from companion.telemetry.samples import Ranges, commonest, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
 
@@ -153,11 +152,11 @@ def driver_tracks(
 
 def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance: int) -> _Readings | None:
     """The accelerometer of the same chip; where that has another id, the one that vehicle_imu pairs with the gyro."""
-    wanted = {gyro.device_id}
+    device_ids = {gyro.device_id}
     for number, _, topic in instances(topics, "vehicle_imu"):
         if number == instance:
-            wanted |= set(topic.ids("accel_device_id").tolist())
-    return next((one for one in accels if one.device_id in wanted and len(one.t) > 1), None)
+            device_ids |= set(topic.ids("accel_device_id").tolist())
+    return next((one for one in accels if one.device_id in device_ids and len(one.t) > 1), None)
 
 
 def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | None:

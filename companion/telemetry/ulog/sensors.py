@@ -40,8 +40,8 @@ def topic_series(topics: Topics, version: Version, notes: list[str]) -> list[Raw
     def made(row: Source, name: str, topic: Topic, instance: int) -> RawSeries | None:
         # The thermometer is that of vehicle_imu, which is the name of the track.
         source = name.replace("_status", "") if row.kind == "temperature" else name
-        told = None if row.kind in SELECTED_KINDS else notes
-        return raw_series(row, source, sampled(topic), partial(_column, topic), instance=instance, notes=told)
+        reported = None if row.kind in SELECTED_KINDS else notes
+        return raw_series(row, source, sampled(topic), partial(_column, topic), instance=instance, notes=reported)
 
     several = (
         made(row, name, topic, instance)
