@@ -152,7 +152,9 @@ def carried_on(
     for fault in standing:
         mine = [f for f in new if _same(fault.finding, f) and (fault.over_s is None or f.start_s < fault.over_s)]
         new, again = [f for f in new if f not in mine], next(iter(mine), None)
-        if again is not None and _together(fault.finding, again):
+        if again is not None and _was_there(again, flight):  # of its onset this piece knows nothing
+            kept.append(replace(fault, probability=1.0, seen_s=end))
+        elif again is not None and _together(fault.finding, again):
             kept.append(_as_seen(again, flight, best, end, fault))
         else:  # what the sensor does later is the end of it, or more of it
             kept.append(_weighed(fault, flight, best, end, judged=judged))
@@ -226,6 +228,13 @@ def _together(one: Finding, other: Finding) -> bool:
     a, b = stated_cause(one), stated_cause(other)
     sigma = float(np.hypot(a.onset_sigma_s or 0.0, b.onset_sigma_s or 0.0))
     return abs(a.onset_s - b.onset_s) <= check.NEAR_S + num.SIGMAS * sigma
+
+
+def _was_there(finding: Finding, flight: Flight) -> bool:
+    """Whether a piece found a fault without its onset: it is there from the first sample on."""
+    return stated_cause(finding).onset_s <= max(
+        (track.t[0] for track in flight.imus.values() if len(track)), default=0.0
+    )
 
 
 def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | None:

@@ -162,7 +162,7 @@ def work() -> None:
     """The process: receives, judges, answers; ends when who started it has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows sends Ctrl-C to every process of the console
     warnings.simplefilter("ignore")
-    with os.fdopen(os.dup(1), "wb") as answers:
+    with contextlib.suppress(BrokenPipeError), os.fdopen(os.dup(1), "wb") as answers:  # who started it was killed
         os.dup2(2, 1)  # what a library prints must not stand between two answers
         _judge_until_the_end(sys.stdin.buffer, answers)
 

@@ -88,7 +88,8 @@ def moved_gps(begin: float, end: float | None) -> Verdict:
 
 def after(seconds_: float) -> Flight:
     """A piece that ends so much later."""
-    return replace(PIECE, start=PIECE.start + seconds_)
+    imus = {source: replace(track, t=track.t + seconds_) for source, track in PIECE.imus.items()}
+    return replace(PIECE, start=PIECE.start + seconds_, imus=imus)
 
 
 def test_what_has_no_size_of_its_own_is_over_when_enough_was_judged_without_it() -> None:
@@ -100,6 +101,29 @@ def test_what_has_no_size_of_its_own_is_over_when_enough_was_judged_without_it()
     assert 0.05 < soon[0].probability < 0.95
     assert standing_verdict(soon, GOOD).status == "autopilot_suspect"
     assert standing_verdict(carried_on(soon, after(31.0), GOOD, None), GOOD) == GOOD
+
+
+def there(piece: Flight) -> Verdict:
+    """The second accelerometer reads too much from the first sample of a piece on."""
+    return alarm("accel_bias", "imu", piece.start, None, sensor="accel", axis="z", size=0.8, sigma=0.03, imu=1)
+
+
+def test_what_every_piece_shows_from_its_first_sample_on_is_not_over() -> None:
+    pieces = [after(later) for later in np.arange(0.0, 200.0, 10.0)]
+    standing: tuple[StandingFault, ...] = ()
+    for piece in pieces:
+        standing = carried_on(standing, piece, there(piece), None)
+        assert [(one.over_s, one.cause.onset_s) for one in standing] == [(None, PIECE.start)], "one fault, the same"
+    assert standing_verdict(carried_on(standing, after(300.0), GOOD, None), GOOD) == GOOD, "it reads right for minutes"
+
+
+def test_a_piece_that_begins_after_the_onset_takes_nothing_of_what_was_measured() -> None:
+    onset = PIECE.start - 0.7
+    finding = alarm("accel_bias", "imu", onset, None, sensor="accel", axis="z", size=0.8, sigma=0.01, imu=1).findings[0]
+    before, size = (np.zeros(3), np.full(3, 0.01)), np.array([0.0, 0.0, 0.8])
+    known = StandingFault(finding, 1.0, PIECE.start, before=before, size=size)
+    (kept,) = carried_on((known,), PIECE, there(PIECE), None)
+    assert (kept.cause.onset_s, kept.before, kept.over_s) == (onset, before, None)
 
 
 def test_an_offset_that_nothing_measures_stays_until_it_is_seen_to_change_back() -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import time
 from collections import deque
 from collections.abc import Iterator
+from subprocess import PIPE
 
 import pytest
 
@@ -71,6 +76,23 @@ def test_who_is_killed_or_ends_leaves_no_process(verdict: RunningVerdict) -> Non
     assert time.monotonic() - begin < 2.0
     assert verdict._process.poll() is not None
     verdict.receive([])
+
+
+def test_a_process_whose_reader_was_killed_ends_without_a_word() -> None:
+    begin = [sys.executable, "-c", "from companion.app.running_verdict import work; work()"]
+    vehicle, decoder = SimulatedVehicle(fly(20.0), streams=STREAMS), Decoder(load_dialect(), stamped=False)
+    with subprocess.Popen(begin, stdin=PIPE, stdout=PIPE, stderr=PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        with contextlib.suppress(BrokenPipeError):  # it has ended already
+            process.stdin.write(pickle.dumps(Assignment(Settings())))
+            for t, packets in bursts(vehicle, 15.0):
+                process.stdin.write(pickle.dumps((decoder.push(packets).data.tobytes(), t + 1e9)))
+            process.stdin.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
 
 
 def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdict) -> None:
