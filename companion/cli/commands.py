@@ -12,6 +12,7 @@ class Command:
     brief: str
     summary: str
     example: str
+    is_helper: bool = False  # one that serves other programs: the list has its name alone
 
 
 COMMANDS = {
@@ -66,6 +67,12 @@ COMMANDS = {
         "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page.",
         "companion fleet logs/ -o results",
     ),
+    "check": Command(
+        "Pass or fail for CI: JUnit XML, exit code, a baseline",
+        "Every flight of some logs as a test that passes or fails, for continuous integration: exit code, JUnit XML, "
+        "and whether drift or detectable faults are worse than a baseline's.",
+        "companion check logs/ --junit companion.xml --baseline hover.json",
+    ),
     "record": Command(
         "Record a link into a .tlog, at the rates that are needed",
         "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C.",
@@ -80,16 +87,19 @@ COMMANDS = {
         "A simulated vehicle, on a link or into a .tlog",
         "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log.",
         "companion simulate udpout:127.0.0.1:14550 --duration 120",
+        is_helper=True,
     ),
     "replay": Command(
         "Send a recorded log to a link, for testing clients",
         "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
         "companion replay flight.tlog udpout:127.0.0.1:14550",
+        is_helper=True,
     ),
     "completion": Command(
         "Completion for bash, zsh or tcsh",
         "Print a script with which the shell completes commands, options and files.",
         "companion completion bash > ~/.local/share/bash-completion/completions/companion",
+        is_helper=True,
     ),
 }
 """Name → command, in the order in which they are listed."""
