@@ -95,6 +95,12 @@ COMMANDS = {
         "companion replay flight.tlog udpout:127.0.0.1:14550",
         is_helper=True,
     ),
+    "doctor": Command(
+        "What this installation lacks, and how to install it",
+        "What this installation has and lacks: libraries, extras, demo flight, serial ports, folders, terminal.",
+        "companion doctor",
+        is_helper=True,
+    ),
     "completion": Command(
         "Completion for bash, zsh or tcsh",
         "Print a script with which the shell completes commands, options and files.",
