@@ -119,7 +119,7 @@ LIBRARIES = {
     "view": {"numpy", "viser", "rich", "msgspec", "websockets", "PIL"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
-    "cli": {"numpy", "msgspec", "rich", "shtab"},
+    "cli": {"numpy", "msgspec", "rich", "shtab", "mcp", "mcp_types", "anyio", "jsonschema"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 

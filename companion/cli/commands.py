@@ -62,6 +62,12 @@ COMMANDS = {
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
         "companion export flight.tlog --format mcap -o flight.mcap",
     ),
+    "series": Command(
+        "Values of a flight over time, as CSV or JSON",
+        "Values of a flight over time, as CSV or JSON, evenly thinned out; without a table which ones there are.",
+        "companion series flight.tlog attitude --from 70 --to 80 --json",
+        is_helper=True,
+    ),
     "fleet": Command(
         "Every flight of many logs: tables and one page",
         "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page.",
@@ -93,6 +99,12 @@ COMMANDS = {
         "Send a recorded log to a link, for testing clients",
         "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
         "companion replay flight.tlog udpout:127.0.0.1:14550",
+        is_helper=True,
+    ),
+    "mcp": Command(
+        "Let an assistant ask about the logs in a folder (MCP)",
+        "An MCP server on stdin and stdout: assistants ask about the logs in a folder, and get the documented JSON.",
+        "companion mcp ~/logs",
         is_helper=True,
     ),
     "doctor": Command(

@@ -5,3 +5,4 @@ from companion.documents.document import SCHEMA, Document, encode
 from companion.documents.estimate import estimate_document
 from companion.documents.info import info_document
 from companion.documents.noise import noise_document
+from companion.documents.series import series_document
