@@ -121,7 +121,7 @@ LIBRARIES = {
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "mavproxy": {"MAVProxy"},
-    "cli": {"numpy", "msgspec", "rich", "shtab", "mcp", "mcp_types", "anyio", "jsonschema"},
+    "cli": {"numpy", "msgspec", "rich", "shtab", "mcp", "mcp_types", "anyio", "jsonschema", "watchfiles"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 

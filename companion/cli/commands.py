@@ -89,6 +89,12 @@ COMMANDS = {
         "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording.",
         "companion watch /dev/ttyACM0 --fail-on suspect | jq .status",
     ),
+    "watch-folder": Command(
+        "The verdict on each log that comes into a folder",
+        "The verdict on each log that comes into a folder, of a ground station or a card, as soon as it is whole.",
+        "companion watch-folder ~/Documents/QGroundControl",
+        is_helper=True,
+    ),
     "simulate": Command(
         "A simulated vehicle, on a link or into a .tlog",
         "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log.",
