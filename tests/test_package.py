@@ -174,6 +174,15 @@ def test_ctrl_c_while_it_is_loading_is_no_traceback() -> None:
     assert (run.returncode, run.stderr) == (130, "")
 
 
+def test_a_library_that_is_gone_is_a_sentence() -> None:
+    code = "import sys; sys.modules['numpy'] = None; import companion.__main__ as m; sys.exit(m.main())"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert "numpy" in run.stderr
+    assert "Install it again: " in run.stderr
+    assert "Traceback" not in run.stderr
+
+
 @pytest.mark.parametrize("part", ["strapdown", "analysis", "report"])
 def test_a_part_can_be_imported_by_itself(part: str) -> None:
     """`companion` loads its API by need, which must not happen half-way through a part that the API needs."""
