@@ -94,15 +94,17 @@ class Companion(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no ty
     def _show(self, one: LiveVerdict) -> None:
         status, _ = one.now
         named = words(status) or "waiting"
-        self.console.set_status("Companion", f"Companion: {named}", row=8, fg=_COLOURS.get(status, "black"))
+        self.console.set_status("Companion", f"Companion: {named}", row=4, fg=_COLOURS.get(status, "black"))
         fastest = max(self._rates, key=lambda kind: self._rates[kind], default="")
         imu = f"{fastest} {self._rates[fastest]:.0f} Hz" if fastest else "-"
-        self.console.set_status("CompanionImu", f"IMU: {imu}  Lane: {self._lane}", row=8)
+        self.console.set_status("CompanionImu", f"IMU: {imu}  Lane: {self._lane}", row=4)
         if len(one.alarms) > self._alarms:
             alarm = one.alarms[-1]
             self.say(f"companion: {words(alarm.status).upper()}: {alarm.text}")
             if self.options.popup and mp_util.has_wxpython:
-                multiproc.Process(target=pop_up, args=(f"companion: {words(alarm.status)}", alarm.text)).start()
+                window = multiproc.Process(target=pop_up, args=(f"companion: {words(alarm.status)}", alarm.text))
+                window.daemon = True  # MAVProxy does not wait for it when it ends
+                window.start()
         elif status == "consistent" and self._status != status and one.alarms:
             self.say("companion: IMU and autopilot agree again")
         self._alarms, self._status = len(one.alarms), status
