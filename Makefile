@@ -48,7 +48,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python $(PIP) --editable '.[report,export,fleet,zstd]'
+	$(BIN)/python $(PIP) --editable '.[all]'
 	touch $@
 
 $(VENV)-bench/.installed: pyproject.toml | $(VENV)/bin/python

@@ -33,6 +33,8 @@ def __getattr__(name: str) -> Any:
     if name == "reckon":
         warnings.warn("companion.reckon is now companion.dead_reckon", DeprecationWarning, stacklevel=2)
         name = "dead_reckon"
+    if name == "init":  # `module load companion` of MAVProxy, which loads a package by its name
+        return import_module("companion.mavproxy").init
     if find_spec(f"{__name__}.{name}"):  # `from companion import frames` asks here first, and must not load the whole
         return import_module(f"{__name__}.{name}")
     return getattr(import_module("companion.api"), name)

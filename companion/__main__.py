@@ -13,8 +13,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 def main() -> int:
     """Run the command line. Its imports take a moment, in which Ctrl-C ends it as cleanly as later."""
     begun = signal.signal(signal.SIGINT, _stop)
-    from companion.cli import main as run  # noqa: PLC0415
-
+    try:
+        from companion.cli import main as run  # noqa: PLC0415
+    except ImportError as error:  # a library is gone, or is for another system
+        again = f'"{sys.executable}" -m pip install --force-reinstall mavlink-companion'
+        print(f"companion: this installation is not whole: {error}. Install it again: {again}", file=sys.stderr)
+        return 2
     signal.signal(signal.SIGINT, begun)
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # NumPy's about damaged numbers, Python's about libraries: for who develops

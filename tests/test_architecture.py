@@ -59,6 +59,7 @@ MAY_IMPORT = {
     "pages.live": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
     "pages.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
+    "mavproxy": GROUND | {"mavlink", "analysis", "app.settings", "app.running_verdict"},
     "fleet": GROUND
     | {"mavlink", "logs", "telemetry", "app.destination", "app.settings", "app.sensors", "app.recording"}
     | {"installation", "app.examination", "documents", "present", "export", "report"},
@@ -68,7 +69,7 @@ MAY_IMPORT = {
     | {"app.lanes", "app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
-    "__init__": {"api"},
+    "__init__": {"api", "mavproxy"},
     "api": GROUND
     | {"strapdown", "estimation", "analysis", "app.resources", "app.settings"}
     | {"app.recording", "app.examination", "pages.notebook"}
@@ -121,7 +122,8 @@ LIBRARIES = {
     "view": {"numpy", "viser", "rich", "msgspec", "websockets", "PIL"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
-    "cli": {"numpy", "msgspec", "rich", "shtab"},
+    "mavproxy": {"MAVProxy"},
+    "cli": {"numpy", "msgspec", "rich", "shtab", "mcp", "mcp_types", "anyio", "jsonschema", "watchfiles"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 

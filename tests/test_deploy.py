@@ -71,7 +71,7 @@ def test_the_image_holds_what_the_package_needs_and_runs_as_nobody_special() -> 
     assert [rest for name, rest in found if name == "USER"] == ["companion"]
     assert all(re.search(r":\d", rest) for name, rest in found if name == "FROM"), "of a stated version"
     assert {name for name, _ in found} <= {
-        "FROM", "WORKDIR", "COPY", "RUN", "USER", "VOLUME", "ENV", "STOPSIGNAL", "LABEL", "ENTRYPOINT", "CMD",
+        "FROM", "ARG", "WORKDIR", "COPY", "RUN", "USER", "VOLUME", "ENV", "STOPSIGNAL", "LABEL", "ENTRYPOINT", "CMD",
     }  # fmt: skip
     commands = {name: json.loads(rest) for name, rest in found if name in ("ENTRYPOINT", "CMD")}
     assert commands["ENTRYPOINT"] == ["companion"]
@@ -81,7 +81,21 @@ def test_the_image_holds_what_the_package_needs_and_runs_as_nobody_special() -> 
 def test_the_labels_are_those_of_a_blueos_extension() -> None:
     (rest,) = (rest for name, rest in instructions() if name == "LABEL")
     labels = dict(word.split("=", 1) for word in shlex.split(rest))
-    assert labels.keys() >= {"version", "type", "tags", "permissions", "requirements"}
-    for name in ("tags", "links", "permissions"):
-        json.loads(labels[name])
+    read = {name: json.loads(labels[name]) for name in ("tags", "links", "permissions", "authors", "company")}
+    assert labels["type"] in {"device-integration", "example", "theme", "education", "tool", "other"}
+    assert read["permissions"]["NetworkMode"] == "host"
+    assert all(author["name"] for author in read["authors"])
+    assert read["company"]["name"]
+    (repository,) = (rest for name, rest in instructions() if name == "ARG")
+    assert repository.startswith("REPOSITORY=")
+    for address in (labels["readme"], *read["links"].values()):
+        assert "${REPOSITORY}" in address
+    page = labels["readme"].partition("/v{tag}/")[2]
+    assert (ROOT / page).exists()
     assert f'version = "{labels["version"]}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_the_entry_of_the_blueos_store_is_whole() -> None:
+    entry = json.loads((ROOT / "deploy" / "blueos" / "metadata.json").read_text(encoding="utf-8"))
+    assert entry.keys() == {"name", "website", "docker", "description"}
+    assert all(entry.values())

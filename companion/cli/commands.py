@@ -12,6 +12,7 @@ class Command:
     brief: str
     summary: str
     example: str
+    is_helper: bool = False  # one that serves other programs: the list has its name alone
 
 
 COMMANDS = {
@@ -76,10 +77,22 @@ COMMANDS = {
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
         "companion export flight.tlog --format mcap -o flight.mcap",
     ),
+    "series": Command(
+        "Values of a flight over time, as CSV or JSON",
+        "Values of a flight over time, as CSV or JSON, evenly thinned out; without a table which ones there are.",
+        "companion series flight.tlog attitude --from 70 --to 80 --json",
+        is_helper=True,
+    ),
     "fleet": Command(
         "Every flight of many logs: tables and one page",
         "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page.",
         "companion fleet logs/ -o results",
+    ),
+    "check": Command(
+        "Pass or fail for CI: JUnit XML, exit code, a baseline",
+        "Every flight of some logs as a test that passes or fails, for continuous integration: exit code, JUnit XML, "
+        "and whether drift or detectable faults are worse than a baseline's.",
+        "companion check logs/ --junit companion.xml --baseline hover.json",
     ),
     "record": Command(
         "Record a link into a .tlog, at the rates that are needed",
@@ -91,20 +104,41 @@ COMMANDS = {
         "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording.",
         "companion watch /dev/ttyACM0 --fail-on suspect | jq .status",
     ),
+    "watch-folder": Command(
+        "The verdict on each log that comes into a folder",
+        "The verdict on each log that comes into a folder, of a ground station or a card, as soon as it is whole.",
+        "companion watch-folder ~/Documents/QGroundControl",
+        is_helper=True,
+    ),
     "simulate": Command(
         "A simulated vehicle, on a link or into a .tlog",
         "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log.",
         "companion simulate udpout:127.0.0.1:14550 --duration 120",
+        is_helper=True,
     ),
     "replay": Command(
         "Send a recorded log to a link, for testing clients",
         "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
         "companion replay flight.tlog udpout:127.0.0.1:14550",
+        is_helper=True,
+    ),
+    "mcp": Command(
+        "Let an assistant ask about the logs in a folder (MCP)",
+        "An MCP server on stdin and stdout: assistants ask about the logs in a folder, and get the documented JSON.",
+        "companion mcp ~/logs",
+        is_helper=True,
+    ),
+    "doctor": Command(
+        "What this installation lacks, and how to install it",
+        "What this installation has and lacks: libraries, extras, demo flight, serial ports, folders, terminal.",
+        "companion doctor",
+        is_helper=True,
     ),
     "completion": Command(
         "Completion for bash, zsh or tcsh",
         "Print a script with which the shell completes commands, options and files.",
         "companion completion bash > ~/.local/share/bash-completion/completions/companion",
+        is_helper=True,
     ),
 }
 """Name → command, in the order in which they are listed."""

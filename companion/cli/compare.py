@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,7 +43,7 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_json(parser)
     parser.add_argument(
         "--fail-on-worse",
-        type=_share,
+        type=parsers.share,
         metavar="PERCENT",
         help="exit with 1 when B drifts more than A by more than this, and by more than the spread between windows",
     )
@@ -189,10 +188,3 @@ def _percent(ratio: float) -> str:
     if change > 999:
         return ">999%" if change < float("inf") else "?"
     return f"{change:+.0f}%" if abs(change) >= 0.5 else "±0%"
-
-
-def _share(text: str) -> float:
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%?\s*", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"must be a percentage like 10%, got {text!r}")
-    return float(match[1]) / 100

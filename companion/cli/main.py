@@ -89,9 +89,11 @@ def commands_of(top: argparse.ArgumentParser) -> _Commands:
 
 def overview() -> str:
     """Every command with one line, for who does not know them yet: it fits a terminal of 24 lines and 80 columns."""
-    lines = [f"  {name:<11}{command.brief}" for name, command in COMMANDS.items()]
+    lines = [f"  {name:<11}{command.brief}" for name, command in COMMANDS.items() if not command.is_helper]
+    helpers = ", ".join(name for name, command in COMMANDS.items() if command.is_helper)
     return "\n".join(
-        ["Does this IMU agree with this autopilot, and if not, which of them is wrong?", "", *lines, ""]
+        ["Does this IMU agree with this autopilot, and if not, which of them is wrong?", "", *lines]
+        + [f"  and        {helpers}", ""]
         + ["Try:   companion analyze demo    (demo: the bundled flight; else a log's path)"]
         + ["More:  companion help COMMAND"]
     )
@@ -132,7 +134,7 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name in (command,) if command in COMMANDS else COMMANDS:
-        module, about = import_module(f"companion.cli.{name}"), COMMANDS[name]
+        module, about = import_module(f"companion.cli.{name.replace('-', '_')}"), COMMANDS[name]
         added = commands.add_parser(
             name, help=about.brief, description=about.summary, epilog=f"example: {about.example}"
         )

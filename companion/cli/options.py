@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 from rich.console import Console
@@ -40,6 +41,20 @@ _SETTABLE = (
 
 _PAGE_BYTES = 256
 _LARGE_BYTES = 20_000_000
+
+
+Command: TypeAlias = "str | list[str]"
+"""A command line as `Popen` takes it: its words; on Windows, which splits it by rules of its own, the text."""
+
+
+def command_of(option: str, text: str) -> Command:
+    """The command line that an option has. Raises SettingsError for one that is none."""
+    if sys.platform == "win32":
+        return text
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise SettingsError(f"{option} {text} is not a command: {error}.") from None
 
 
 def output(arguments: argparse.Namespace) -> Path | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 
 from companion.model import IMU_MESSAGES
 from companion.strapdown import METHODS, MIDDLES
@@ -128,6 +129,14 @@ def add_anchor(parser: Parser) -> None:
         help="rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
         "(default: autopilot)",
     )
+
+
+def share(text: str) -> float:
+    """A percentage as a share: 0.1 for 10%."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%?\s*", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"must be a percentage like 10%, got {text!r}")
+    return float(match[1]) / 100
 
 
 def _horizons(text: str) -> tuple[float, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import shlex
 import subprocess
 import time
 from typing import Any
@@ -59,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
     if arguments.announce and arguments.listen_only:
         raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
-    command = _command(arguments.on_change or "")
+    command = options.command_of("--on-change", arguments.on_change or "")
     choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     with (
         live.until_signal() as ended,
@@ -90,18 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
     return options.exit_code(arguments.fail_on, statuses)
 
 
-def _command(text: str) -> list[str]:
-    """The words of a command line. Raises SettingsError for one that is none."""
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise SettingsError(f"--on-change {text} is not a command: {error}.") from None
-
-
 class _Lines:
     """What is printed on stdout: of each vehicle a line when its verdict changes, and one a second."""
 
-    def __init__(self, session: Session, verdict: RunningVerdict, command: list[str], *, announces: bool) -> None:
+    def __init__(self, session: Session, verdict: RunningVerdict, command: options.Command, *, announces: bool) -> None:
         self._session, self._verdict = session, verdict
         self._command, self._announces = command, announces
         self._due = 0.0
@@ -148,7 +139,7 @@ class _Lines:
 class _Changes:
     """Tells others when the verdict on a vehicle changes: a command, the ground stations."""
 
-    def __init__(self, session: Session, command: list[str], *, announces: bool) -> None:
+    def __init__(self, session: Session, command: options.Command, *, announces: bool) -> None:
         self._session, self._command, self._announces = session, command, announces
         self._status = ""
         self._announced, self._announced_at = "", -_QUIET_S
@@ -168,7 +159,8 @@ class _Changes:
         try:
             process = subprocess.Popen(self._command, stdin=subprocess.PIPE, text=True, start_new_session=True)
         except OSError as error:
-            live.say(f"--on-change {self._command[0]} cannot be run: {error.strerror}")
+            name = self._command if isinstance(self._command, str) else self._command[0]
+            live.say(f"--on-change {name} cannot be run: {error.strerror}")
             return
         self._running.append(process)
         if process.stdin is not None:

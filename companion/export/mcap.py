@@ -7,7 +7,6 @@ are the same bodies with Foxglove's and ROS's axes (FLU: x forward, y left, z up
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,9 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
+from companion.export.channels import Channel, Schema, clock_of, stamps_of, write_channels
 from companion.export.kml import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
-from companion.installation import missing
 from companion.model import Array, Flight, words
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
@@ -45,29 +44,13 @@ def write_mcap(
 
     Raises InputError when mcap is not installed.
     """
-    try:
-        from mcap.writer import CompressionType, Writer  # noqa: PLC0415  (an extra: needed for this format alone)
-    except ImportError:
-        raise missing("export", "MCAP needs the mcap library") from None
-    topics = [*_topics(flight, shown, assessed), *(_series(table) for table in series)]
-    encoder = msgspec.json.Encoder()
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
-        writer.start(profile="", library="companion")
-        schemas, channels = dict[str, int](), dict[str, int]()
-        for topic in topics:
-            title = topic.schema["title"]
-            if title not in schemas:
-                schemas[title] = writer.register_schema(title, "jsonschema", encoder.encode(topic.schema))
-            if topic.name not in channels:
-                channels[topic.name] = writer.register_channel(topic.name, "json", schemas[title])
-        writer.add_metadata("about", _about(flight))
-        base = round(flight.epoch.unix_s * 1e9) if flight.epoch else 0
-        streams = [_stamped(channels[topic.name], base, topic) for topic in topics]
-        for stamp, channel, message in heapq.merge(*streams, key=lambda item: item[0]):
-            writer.add_message(channel, stamp, encoder.encode(message), stamp)
-        writer.finish()  # type: ignore[no-untyped-call]  # of the library
+    write_channels(path, _channels(flight, shown, assessed, series), _about(flight))
     return [path]
+
+
+def _channels(flight: Flight, shown: Replay, assessed: Assessment, series: Iterable[Table]) -> list[Channel]:
+    topics = [*_topics(flight, shown, assessed), *(_series(table) for table in series)]
+    return [_channel(flight, topic) for topic in topics]
 
 
 def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Topic]:
@@ -113,30 +96,37 @@ def _series(table: Table) -> Topic:
     return Topic(f"/{table.name}", schema, table["t_s"], (dict(zip(names, row, strict=True)) for row in rows))
 
 
-def _stamped(channel: int, base: int, topic: Topic) -> Iterator[tuple[int, int, foxglove.Message]]:
-    """(ns, channel, message with its timestamp). In whole ns: a float has lost the microseconds since 1970."""
-    stamps = base + np.round(topic.t * 1e9).astype(np.int64)
-    for stamp, message in zip(stamps.tolist(), topic.messages, strict=True):
-        at = max(stamp, 0)  # a correction's time offset can reach to before the boot
-        sec, nsec = divmod(at, 1_000_000_000)
-        yield at, channel, {"timestamp": {"sec": sec, "nsec": nsec}, **message}
+def _channel(flight: Flight, topic: Topic) -> Channel:
+    """Each message as JSON with its timestamp."""
+    encode = msgspec.json.Encoder().encode
+    stamps = stamps_of(flight, topic.t)
+
+    def messages() -> Iterator[bytes]:
+        for stamp, message in zip(stamps.tolist(), topic.messages, strict=True):
+            sec, nsec = divmod(stamp, 1_000_000_000)
+            yield encode({"timestamp": {"sec": sec, "nsec": nsec}, **message})
+
+    schema = Schema(topic.schema["title"], "jsonschema", encode(topic.schema))
+    return Channel(topic.name, schema, "json", stamps, messages())
 
 
 def _about(flight: Flight) -> dict[str, str]:
-    clock = f"UNIX time by {flight.epoch.source}" if flight.epoch else "seconds of the vehicle's boot clock"
     return {
-        "vehicle": f"{flight.vehicle} {flight.vehicle.autopilot} {flight.vehicle.type} {flight.vehicle.firmware}",
-        "boot": str(flight.boot),
-        "clock": clock,
-        "boot_clock_zero_unix_s": f"{flight.epoch.unix_s:.6f}" if flight.epoch else "",
+        **clock_of(flight),
         "frames": "enu > ned > autopilot_frd > autopilot (FLU), ned > imu_frd > imu (FLU), ned > best_frd > best",
         "units": "m, m/s, m/s2, rad, rad/s; error = autopilot minus IMU",
     }
 
 
-def _write(path: Path, one: Contents) -> list[Path]:
+def of_contents(one: Contents) -> tuple[list[Channel], dict[str, str]]:
+    """The channels of a flight, and what is said about them."""
     series = (one.tables[series_name(key)] for key in one.flight.series)
-    return write_mcap(path, one.flight, one.shown, one.assessment, series)
+    return _channels(one.flight, one.shown, one.assessment, series), _about(one.flight)
+
+
+def _write(path: Path, one: Contents) -> list[Path]:
+    write_channels(path, *of_contents(one))
+    return [path]
 
 
 FORMATS = (Format("mcap", "Foxglove", _write),)

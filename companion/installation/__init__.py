@@ -1,6 +1,7 @@
-"""The installation: the files that came with companion, and the command that adds an extra."""
+"""The installation: the files that came with companion, its libraries, and the command that adds an extra."""
 
 from companion.installation.data import DEMO, data_folder, log_path
-from companion.installation.install_command import missing
+from companion.installation.install_command import install_command, missing
+from companion.installation.libraries import EXTRAS, Library, libraries
 
-__all__ = ["DEMO", "data_folder", "log_path", "missing"]
+__all__ = ["DEMO", "EXTRAS", "Library", "data_folder", "install_command", "libraries", "log_path", "missing"]

@@ -24,8 +24,6 @@ def missing(extra: str, purpose: str) -> InputError:
 
     purpose: what needs which library, as a sentence without its full stop.
     """
-    from companion.installation.install_command import install_command  # noqa: PLC0415  (0.1 s, in this case alone)
-
     return InputError(f"{purpose}. Install it: {install_command(extra)}")
 
 

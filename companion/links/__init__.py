@@ -1,6 +1,7 @@
 """Vehicles on a link: transports, the session, what is asked for, and the recording. The only sockets."""
 
 from companion.links.link import Link, LinkHealth, open_port
+from companion.links.original_rates import state_folder
 from companion.links.playback import Played, play
 from companion.links.ports import Address, NotThereError, Port, is_link, meant_link, parse_address
 from companion.links.recorder import Recorder
@@ -35,4 +36,5 @@ __all__ = [
     "open_port",
     "parse_address",
     "play",
+    "state_folder",
 ]

@@ -55,6 +55,8 @@ def _of_leaf(value: Any, shape: str, where: str) -> list[str]:
         ("compare", ["compare", DEMO, "--method-b", "euler"]),
         ("noise", ["noise", DEMO]),
         ("smooth", ["smooth", DEMO]),
+        ("series", ["series", DEMO]),
+        ("series", ["series", DEMO, "position", "--points", "5"]),
     ],
 )
 def test_a_document_has_its_keys(name: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:

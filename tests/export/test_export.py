@@ -23,6 +23,7 @@ import companion as c
 from companion.analysis import PoseError, Spread, ape, rpe
 from companion.cli import main
 from companion.export import FORMATS
+from companion.export.layout import layout
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, ROOT
 from tests.tlogs import Writer, resting
@@ -245,6 +246,29 @@ def test_mcap_reads_back(flight: c.Flight, topics: Topics) -> None:
     assert [body["pose"]["orientation"][part] for part in "wxyz"] == shown.q_imu[5000].tolist()
 
 
+def test_the_layout_shows_topics_that_there_are(topics: Topics) -> None:
+    """Each panel is in the arrangement once, and draws a topic, and a field of it, that the file beside it has."""
+    found, arranged = topics, layout(topics)
+    panels = arranged["configById"]
+    placed: list[str] = []
+    waiting = [arranged["layout"]]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, str):
+            placed.append(one)
+        else:
+            waiting += [one["first"], one["second"]]
+    assert sorted(placed) == sorted(panels)
+    scene = panels["3D!flight"]
+    assert scene["topics"].keys() <= found.keys()
+    assert scene["followTf"] in {body["child_frame_id"] for _, _, body in found["/tf"]}
+    assert {panel["topicToRender"] for panel in panels.values() if "topicToRender" in panel} <= found.keys()
+    assert panels["map!flight"]["followTopic"] in found
+    for value in (path["value"] for panel in panels.values() for path in panel.get("paths", ())):
+        topic, _, part = value.partition(".")
+        assert part in found[topic][0][2]
+
+
 def turn_of(body: dict[str, Any]) -> npt.NDArray[np.float64]:
     return np.array([body["rotation"][part] for part in "wxyz"])
 
@@ -307,7 +331,7 @@ def test_an_existing_output_stays(kind: str, tmp_path: Path, capsys: Captured) -
     assert "--force" in capsys.readouterr().err
     assert mine.read_text() == "mine"
     assert main([*command, "--force"]) == 0
-    assert kind in ("csv", "parquet") or mine.read_bytes() != b"mine"
+    assert (FORMATS[kind].is_folder and kind != "tum") or mine.read_bytes() != b"mine"
     assert not list(tmp_path.rglob(".*")), "nothing half written is left"
 
 
@@ -319,7 +343,9 @@ def test_a_format_is_documented(kind: str) -> None:
     assert ("a folder" in row) == FORMATS[kind].is_folder
 
 
-@pytest.mark.parametrize(("kind", "module"), [("parquet", "pyarrow"), ("mcap", "mcap.writer")])
+@pytest.mark.parametrize(
+    ("kind", "module"), [("parquet", "pyarrow"), ("mcap", "mcap.writer"), ("rosbag2", "mcap.writer")]
+)
 def test_without_the_extra_there_is_a_line_to_type(
     kind: str, module: str, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:

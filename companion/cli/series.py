@@ -1,0 +1,73 @@
+"""`companion series LOG [TABLE]`: values of a flight over time, for programs; without a table which ones there are."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+
+from companion.app.examination import examine
+from companion.cli import options, parsers
+from companion.documents import encode, series_document
+from companion.export import assessed_replay, harmless, tables
+from companion.model import DataError, counted, nearest_word
+
+_EXAMINED = ("reckoning", "best_estimate", "drift", "windows", "findings", "calibration")
+"""Tables of an examination, which is made when one of them is asked for."""
+
+_MOST_POINTS = 5000
+
+
+def add_options(parser: parsers.Parser) -> None:
+    """The command's options."""
+    parsers.add_log(parser)
+    examined = ", ".join(_EXAMINED)
+    parser.add_argument("table", metavar="TABLE", nargs="?", help=f"a table of the log, or of its analysis: {examined}")
+    parsers.add_flight_choice(parser)
+    parser.add_argument("--from", dest="begin", type=float, metavar="S", help="from this time of the boot clock on")
+    parser.add_argument("--to", dest="end", type=float, metavar="S", help="up to this time")
+    parser.add_argument("--points", type=_points, default=500, metavar="N", help="rows at most, evenly (default: 500)")
+    parsers.add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the table as CSV or JSON; or a line for each table."""
+    settings, recording, flight = options.one_flight(arguments)
+    known = tables(flight)
+    name = arguments.table
+    if name in _EXAMINED:
+        examined = examine(flight, settings).assessment
+        known = tables(flight, assessed_replay(flight, examined, settings.view.reanchor_s or None), examined)
+    if name is not None and name not in known:
+        near = nearest_word(name, [*known, *_EXAMINED])
+        hint = f" Did you mean {near}?" if near else f" It has: {', '.join(known)}."
+        raise DataError(f"{arguments.log} has no table {name}.{hint}")
+    chosen = None if name is None else known[name]
+    answer = series_document(
+        recording.source, flight, known, chosen, (arguments.begin, arguments.end), arguments.points
+    )
+    if arguments.json:
+        print(encode(answer))
+        return 0
+    (of_flight,) = answer["flights"]
+    if chosen is None:
+        for table in of_flight["tables"]:
+            print(f"{table['name']}: {counted(table['rows'], 'row')}: {', '.join(c['name'] for c in table['columns'])}")
+        return 0
+    columns = of_flight["series"]["columns"]
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    rows.writerow(column["name"] for column in columns)
+    rows.writerows(map(_cell, row) for row in zip(*(column["values"] for column in columns), strict=True))
+    return 0
+
+
+def _cell(value: float | str) -> float | str:
+    """As the CSV of `companion export` has it."""
+    return harmless(value) if isinstance(value, str) else "" if math.isnan(value) else value
+
+
+def _points(text: str) -> int:
+    if not text.isdigit() or not 1 <= int(text) <= _MOST_POINTS:
+        raise argparse.ArgumentTypeError(f"must be from 1 to {_MOST_POINTS}, got {text!r}")
+    return int(text)
