@@ -58,4 +58,5 @@ $(VENV)-bench/.installed: pyproject.toml | $(VENV)/bin/python
 
 $(VENV)/.developer: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python $(PIP) --editable '.[dev]'
+	$(BIN)/python $(PIP) --no-deps 'MAVProxy>=1.8.75'  # the libraries of its 3D map are a gigabyte
 	touch $@ $(VENV)/.installed
