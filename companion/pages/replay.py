@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from companion.analysis import (
     NO_CORRECTION,
     Assessment,
@@ -37,7 +39,10 @@ from companion.view import (
     ReplayChoice,
     Viewer,
     chosen_track,
+    decisive,
     display_trajectory,
+    joined,
+    with_result,
 )
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
@@ -81,14 +86,38 @@ class Answers:
         examined = self._examination(flight, choice, display)
         assessment = examined.assessment
         comparison = assessment.comparison
-        return AnalysisResult(
+        result = AnalysisResult(
             assessment,
             trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
             horizon_s=choice.horizon_s,
             redundant_imus=examined.redundant_imus,
-            expected=expected_since_anchor(comparison, assessment.figures, assessment.autopilot, display.replay),
             noise=_noise_of(flight, assessment),
         )
+        anchored = self._anchored(flight, choice, with_result(display, result))
+        shown = display.replay if anchored is None else anchored
+        expected = expected_since_anchor(comparison, assessment.figures, assessment.autopilot, shown)
+        return replace(result, expected=expected, replay=anchored)
+
+    def _anchored(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Replay | None:
+        """The same replay, anchored where the page opens as well; None where it is, or runs free."""
+        moment = decisive(display)
+        if moment is None or choice.reanchor_s is None:
+            return None
+        before = display.replay
+        if moment.opens_s <= before.t[0] or np.abs(before.anchors - moment.opens_s).min() < _SAME_S:
+            return None
+        seen = flight.with_imu(display.track) if display.track else flight
+        try:
+            after = replay(
+                seen,
+                imu=choice.imu,
+                how=choice.integration(flight),
+                reanchor_s=choice.reanchor_s,
+                start_s=moment.opens_s,
+            )
+        except DataError:  # the autopilot's state is not known from there on
+            return None
+        return joined(before, after)
 
     def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
         """From rest where requested, as long as the page requests no anchor of the autopilot's."""

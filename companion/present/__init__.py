@@ -20,6 +20,7 @@ from companion.present.formats import (
     length,
     method_words,
     percent,
+    severity_of,
     severity_word,
     short,
     shown_unit,

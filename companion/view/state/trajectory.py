@@ -28,6 +28,7 @@ class AnalysisResult:
     redundant_imus: tuple[RedundantImu, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it is not known
     noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
+    replay: Replay | None = None  # anchored where the page opens as well; None: what is shown already is
 
     @property
     def marks(self) -> tuple[Mark, ...]:
@@ -211,8 +212,10 @@ class DisplayTrajectory:
 
 
 def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTrajectory:
-    """The same with its analysis."""
+    """The same with its analysis, and with the anchor that the analysis adds."""
     trailing = result.trailing
+    if result.replay is not None:
+        shown = replace(display_trajectory(result.replay, shown.track), others=shown.others)
     return replace(
         shown,
         result=result,
@@ -264,6 +267,17 @@ def display_trajectory(
     )
 
 
+def joined(before: Replay, after: Replay) -> Replay:
+    """One replay until another of the same flight begins, which has an anchor there, and that one from then on."""
+    kept = before.t < after.t[0]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)])
+        for name in ("t", *COLUMNS, "reference_valid")
+    }
+    anchors = np.concatenate([before.anchors[before.anchors < after.t[0]], after.anchors])
+    return replace(before, **columns, anchors=anchors)
+
+
 _STATES = ("q_imu", "velocity_imu", "position_imu", "q_ref", "velocity_ref", "position_ref")
 COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
 _ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
@@ -290,6 +304,11 @@ class Worst:
     start_s: float  # boot clock: where the dead reckoning last started from the autopilot
     end_s: float  # where they are farthest apart
     apart_m: float
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when, s."""
+        return self.start_s, self.end_s
 
 
 def worst_stretch(replay: Replay) -> Worst | None:
