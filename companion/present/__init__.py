@@ -11,7 +11,7 @@ from companion.present.calibration import (
     not_observable,
 )
 from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity
-from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, ranked, span
+from companion.present.findings import MOST_LINES, FindingGroup, Headline, flight_words, grouped, headline, ranked, span
 from companion.present.formats import (
     autopilot_words,
     capitalised,

@@ -7,7 +7,7 @@ from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice,
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, LinkState, Seen, StreamState
 from companion.view.state.marks import Mark
-from companion.view.state.moments import decisive
+from companion.view.state.moments import missing_anchor
 from companion.view.state.places import best_path
 from companion.view.state.trajectory import (
     AnalysisResult,
@@ -61,10 +61,10 @@ __all__ = [
     "best_path",
     "check_url",
     "chosen_track",
-    "decisive",
     "display_trajectory",
     "extremes",
     "joined",
+    "missing_anchor",
     "replay_page",
     "with_result",
     "with_track",

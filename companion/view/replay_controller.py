@@ -83,12 +83,7 @@ class ReplayController(Controller):
         # A phone shows the panels one below the other, in this order.
         self._panel = Panel(controls, flights, self.pick_flight)
         bottom, side = gui.add_panel(), gui.add_panel()
-        with side.add_tab("Findings"):
-            self._findings = FindingsTab(controls, self._show_finding)
-        with side.add_tab("Charts"):
-            self.charts = self._charts = ChartPages(controls)
-        with side.add_tab("Drift"):
-            self._drift = gui.add_html("")
+        self._add_tabs(controls, side)
         self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
         super().__init__(
             server,
@@ -171,6 +166,14 @@ class ReplayController(Controller):
     def _report_map(self, shown: bool) -> None:
         if self.map_box.value != shown:
             write(self.map_box, shown)
+
+    def _add_tabs(self, controls: Controls, side: viser.PanelHandle) -> None:
+        with side.add_tab("Findings"):
+            self._findings = FindingsTab(controls, self._show_finding)
+        with side.add_tab("Charts"):
+            self.charts = self._charts = ChartPages(controls)
+        with side.add_tab("Drift"):
+            self._drift = controls.gui.add_html("")
 
     def _add_save(self, controls: Controls) -> None:
         gui, file = controls.gui, viser.Icon.FILE_EXPORT
@@ -321,10 +324,10 @@ class ReplayController(Controller):
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
         self._part = (self.player.start, self.player.end)
         self._charts.load(display, self._flight, self._colours, self._part)
-        self._panel.load(self._flight, display)
+        below = bands(self._flight, display)
+        self._panel.load(self._flight, display, below)
         self._legend()
         self._adjustments.load(self._flight, self._requested, display.start)
-        below = bands(self._flight, display)
         self.player.stops = {
             "anchor": display.replay.anchors,
             "event": np.array([mark.t for mark in marks]),

@@ -24,7 +24,7 @@ AFTER_S = 3.0
 """How long after the strongest instant of a finding it is played to."""
 LONG_S = 120.0
 """A log that lasts longer has more anchors than a strip can show: it has the error over the horizon in their place."""
-_NEAR_S = 0.5
+_NEAR_S, _SAME_S = 0.5, 0.01  # s from where the page opens: its own anchor follows soon, or is there
 _LAST_S = 5.0  # of the worst stretch, while there is no analysis
 _SHOWS_IN: dict[str, Error] = {
     **dict.fromkeys(("gyro", "compass", "tilt", "heading", "declination", "mounting", "axes", "imu"), "attitude"),
@@ -75,10 +75,8 @@ def over_horizon(display: DisplayTrajectory, error: Error) -> ErrorCurve | None:
     if display.result is None or display.trailing is None or not len(display.trailing.t):
         return None
     result = display.result
-    rows = zip(result.assessment.drift.rows, result.assessment.expected, strict=True)
-    expected = next((one for row, one in rows if row.horizon_s == result.horizon_s), None)
     names = {"attitude": "attitude_deg", "velocity": "velocity_mps", "position": "position_m"}
-    allowed = getattr(expected, names[error], None)
+    allowed = getattr(result.allowed, names[error], None)
     t = display.trailing.t
     return ErrorCurve(
         error, t, length_of(display.trailing, error), np.full(len(t), allowed or np.nan), result.horizon_s
@@ -174,3 +172,11 @@ def decisive(display: DisplayTrajectory) -> Moment | None:
     if stretch is None:
         return None
     return Moment("position", max(stretch.start_s, stretch.end_s - _LAST_S), stretch.end_s, stretch.end_s)
+
+
+def missing_anchor(display: DisplayTrajectory) -> float | None:
+    """Where the page opens, s, where the dead reckoning is to start anew there; None where it does, or begins."""
+    moment, replay = decisive(display), display.replay
+    if moment is None or moment.opens_s <= replay.t[0] or np.abs(replay.anchors - moment.opens_s).min() < _SAME_S:
+        return None
+    return moment.opens_s

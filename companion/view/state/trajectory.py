@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, Replay, WindowErrors
+from companion.analysis import Assessment, Expectation, Expected, ImuNoise, RedundantImu, Replay, WindowErrors
 from companion.model import Array, DataError, ImuTrack, words
 from companion.strapdown import SAME_TIME, quaternion
 from companion.view.state.decimation import Indices
@@ -28,7 +28,14 @@ class AnalysisResult:
     redundant_imus: tuple[RedundantImu, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it is not known
     noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
+    calibrated: Expected | None = None  # at the horizon, with what the flight's calibration leaves unknown of the IMU
     replay: Replay | None = None  # anchored where the page opens as well; None: what is shown already is
+
+    @property
+    def allowed(self) -> Expected | None:
+        """What is allowed of a window of the chosen horizon, 1σ, before the flight's own calibration."""
+        rows = zip(self.assessment.drift.rows, self.assessment.expected, strict=True)
+        return next((one for row, one in rows if row.horizon_s == self.horizon_s), None)
 
     @property
     def marks(self) -> tuple[Mark, ...]:
