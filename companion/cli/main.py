@@ -7,6 +7,7 @@ import contextlib
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -69,8 +70,16 @@ def _check_command(given: str) -> None:
         return
     if near := nearest_word(given, COMMANDS):
         raise SettingsError(f"There is no command {given}. Did you mean companion {near}?")
-    log = f"For a log: companion analyze {given}" if given and Path(given).exists() else "All commands: companion help"
+    if _LINK.match(given):
+        raise SettingsError(f"There is no command {given}. Did you mean companion view {given}?")
+    log = (
+        f"Did you mean companion analyze {given}?" if given and Path(given).exists() else "All commands: companion help"
+    )
     raise SettingsError(f"There is no command {given}. {log}")
+
+
+_LINK = re.compile(r"(udp|tcp|serial)\w*:|/dev/|COM\d", re.IGNORECASE)
+"""What a link begins with."""
 
 
 def _no_such(given: str, command: str) -> str:

@@ -39,7 +39,10 @@ _STYLE = (
     f'div[style*="inset: 0px 0px 0px {SIDE + _EDGE}px"]{{left:{NARROW + _EDGE}px!important}}'
     "table{font-size:0.72em!important}}"
     # The grips of panels and what folds them: the layout is this one. On a phone the heads of the sections stay.
-    f'@media not all and {PHONE}{{div[style*="cursor: grab"]{{display:none!important}}}}'
+    f'@media not all and {PHONE}{{div[style*="em; cursor: grab"]{{display:none!important}}}}'
+    # There the picture comes first, under the verdict; then time and findings, then the numbers and what can be set.
+    f"@media {PHONE}{{div:has(>div>.mantine-Tabs-root){{display:flex;flex-direction:column}}"
+    "div:has(>div>.mantine-Tabs-root)>div:has(>.mantine-Tabs-root){order:-1}}"
     # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
     ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
     ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'

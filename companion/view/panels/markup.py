@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from companion.present import Rgb, palette
-from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE
+from companion.view.panels.controls import NARROW, NARROW_WINDOW, PHONE, SIDE
 
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
@@ -17,7 +17,7 @@ COLOURS: dict[str, Rgb] = {
     "starting": palette.CONTROLS,  # this and the next: of a live verdict
     "lost": palette.BAD,
 }
-_STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
+_STYLE = (  # over the picture, between the panels; on a phone over all of its width
     f"<style>.companion-banner{{position:fixed;z-index:4;top:8px;left:{SIDE + 16}px;right:{SIDE + 16}px}}"
     ".companion-banner{padding:8px 14px;border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;"
     "pointer-events:none;"
@@ -29,8 +29,8 @@ _STYLE = (  # over the picture, between the panels; on a phone the first thing o
     "font-size:12.5px;font-weight:400;line-height:1.35;margin-top:2px}"
     "@media (max-width:1150px){.companion-banner{font-size:16px}}"
     f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
-    "@media (max-width:36em){.companion-banner{position:static;margin:0 0 6px;border-radius:0;font-size:16px}"
-    ".companion-banner span{-webkit-line-clamp:5}}</style>"
+    f"@media {PHONE}{{.companion-banner{{top:0;left:0;right:0;border-radius:0;padding:6px 10px;font-size:16px}}"
+    ".companion-banner em{font-size:12px}.companion-banner small{font-size:11px}}</style>"
 )
 
 

@@ -179,20 +179,19 @@ def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position:
     """What the vehicle did at the instant, as far as the log says it: mode, place, speed, attitude, the time."""
     mode = next((one.label for one in reversed(lasting.modes) if one.start_s <= sample.t <= one.end_s), "")
     armed = any(one.start_s <= sample.t <= one.end_s for one in lasting.armed)
-    roll, pitch, yaw = np.degrees(quaternion.to_euler(sample.q_ref))
+    roll, pitch, yaw = np.degrees(quaternion.to_euler(sample.q_ref)).round().astype(int)
     since = max(sample.t - flight.start, 0.0)
-    clock = f"{int(since // 60)}:{since % 60:04.1f} into the log"
+    rows = [("Time", f"{sample.t:.2f} s since boot, {int(since // 60)}:{since % 60:04.1f} of the log")]
     if flight.epoch is not None:
-        clock = f"{time.strftime('%H:%M:%S', time.gmtime(flight.epoch.unix_s + sample.t))} UTC, {clock}"
-    rows = [("Time", f"{sample.t:.2f} s since boot", clock)]
+        rows.append(("UTC", time.strftime("%d %B %Y, %H:%M:%S", time.gmtime(flight.epoch.unix_s + sample.t))))
     if mode or lasting.armed:
-        rows.append(("Mode", escape(mode or "–"), "armed" if armed else "disarmed"))
+        rows.append(("Mode", f"{escape(mode or 'unknown')}, {'armed' if armed else 'disarmed'}"))
     if has_position:
         speed, climb = float(np.hypot(*sample.velocity_ref[:2])), -float(sample.velocity_ref[2])
-        rows.append(("Altitude", f"{-float(sample.position_ref[2]):z.1f} m", f"climbs {climb:+z.1f} m/s"))
-        rows.append(("Ground speed", f"{speed:.1f} m/s", ""))
-    rows.append(("Roll, pitch, yaw", f"{roll:+z.0f}° {pitch:+z.0f}°", f"{yaw % 360:.0f}°"))
-    return table((), (row((name, f"<b>{first}</b>", wrapped(second))) for name, first, second in rows))
+        rows.append(("Altitude", f"{-float(sample.position_ref[2]):z.1f} m, {climb:+z.1f} m/s"))
+        rows.append(("Ground speed", f"{speed:.1f} m/s"))
+    rows.append(("Roll, pitch, yaw", f"{roll:+d}°, {pitch:+d}°, {yaw % 360}°"))
+    return table((), (row((name, wrapped(value))) for name, value in rows))
 
 
 _PALE = f"opacity:{palette.QUIET}"

@@ -43,6 +43,7 @@ class FindingsTab:
         self._flights = gui.add_html("", visible=False)
         self._findings = [_FindingCard(controls, show) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
+        self._could = gui.add_html("", visible=False)
 
     def wait(self, text: str) -> None:
         """Report that the analysis is in progress, or why there is none. `text` may hold anything."""
@@ -60,6 +61,9 @@ class FindingsTab:
         _write(self._flights, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
+        could = result.assessment.sensitivity if result else None
+        told = [] if could is None or not could.smallest else [f"This flight would have shown: {could}."]
+        _write(self._could, [*told, *(f"Not judged: {why}." for why in (could.not_judged if could else ()))])
 
 
 def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:

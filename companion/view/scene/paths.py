@@ -69,7 +69,7 @@ class Overview:
         ends = np.stack([replay.position_ref[at], replay.position_imu[at]])
         self._apart.points = ends[None].astype(np.float32)
         self._label.text = worst_words(worst)
-        self._label.position = ends[0]  # the autopilot's, which is in the picture however far the IMU has gone astray
+        self._label.position = ends.mean(axis=0)
 
     def show(self, t: float) -> None:
         """Draw where the IMU goes from the anchor before t, s, to the next."""

@@ -156,7 +156,7 @@ class Scene:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        name = f"{self._label} alone" if roomy else apart
         update(self.imu.label, text=name)
         update(self.autopilot.label, visible=roomy)
         update(self._error_name, visible=roomy)

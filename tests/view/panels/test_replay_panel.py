@@ -50,8 +50,9 @@ def test_what_the_vehicle_does_at_the_instant() -> None:
         return flight_data(display.at(t), flight, bands(flight, display), has_position=True)
 
     early, late = at(BOOT + 20.0), at(BOOT + 40.0)
-    assert "21:05:30 UTC, 0:21.0 into the log" in early
+    assert "28 November 2026, 21:05:30" in early
+    assert "0:21.0 of the log" in early
     assert "&lt;b&gt;AUTO" in early
-    assert (">armed" in early, ">disarmed" in late) == (True, True)
+    assert (", armed" in early, ", disarmed" in late) == (True, True)
     speed = float(np.hypot(*display.at(BOOT + 20.0).velocity_ref[:2]))
     assert f"{speed:.1f} m/s" in early
