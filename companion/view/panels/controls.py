@@ -39,7 +39,8 @@ _STYLE = (
     f'div[style*="inset: 0px 0px 0px {SIDE + _EDGE}px"]{{left:{NARROW + _EDGE}px!important}}'
     "table{font-size:0.72em!important}}"
     # The grips of panels and what folds them: the layout is this one. On a phone the heads of the sections stay.
-    f'@media not all and {PHONE}{{div[style*="em; cursor: grab"]{{display:none!important}}}}'
+    f'@media not all and {PHONE}{{div:is([style*="height: 1em; cursor: grab"],[style*="height: 0.9em; cursor: grab"])'
+    "{display:none!important}}"
     # There the picture comes first, under the verdict; then time and findings, then the numbers and what can be set.
     f"@media {PHONE}{{div:has(>div>.mantine-Tabs-root){{display:flex;flex-direction:column}}"
     "div:has(>div>.mantine-Tabs-root)>div:has(>.mantine-Tabs-root){order:-1}}"

@@ -35,7 +35,7 @@ class Overview:
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, nearer: str, scale: float) -> None:
-        self._path = add_lines(scene, f"{nearer}/path_autopilot", palette.UNKNOWN, 2.4, scale=scale)
+        self._scene, self._name = scene, f"{root}/path_autopilot"
         self._arc = add_lines(scene, f"{root}/path_imu", _PALE, 2.5)
         self._worst = {
             "imu": add_lines(scene, f"{root}/worst_imu", _PALE, 7.0),
@@ -56,7 +56,15 @@ class Overview:
             by_shape(replay.position_ref, MOST_POINTS // 2, outline), evenly(len(replay.t), MOST_POINTS // 2)
         )
         lines, ends = segments(replay.position_ref, kept.astype(np.intp), display.restarts[:0])
-        _draw(self._path, lines, sigma_colours(sigmas_along(display, replay.t[ends])))
+        # Anew: viser 1.1 draws no other colours for points that stay as they are.
+        self._scene.add_line_segments(
+            self._name,
+            lines if len(lines) else NOTHING,
+            sigma_colours(sigmas_along(display, replay.t[ends])) if len(lines) else palette.UNKNOWN,
+            thickness=2.4,
+            thickness_units="screen",
+            visible=len(lines) > 0,
+        )
         worst = worst_stretch(replay)
         part = slice(0, 0) if worst is None else _part(replay.t, *worst.span)
         places = {"imu": (replay.position_imu, colour), "autopilot": (replay.position_ref, palette.AUTOPILOT)}
@@ -88,13 +96,17 @@ class Overview:
 
 
 def sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
-    """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`."""
+    """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`.
+
+    As viser 1.1 wants them for points: it takes those for linear light, and red turns pink.
+    """
     stops = np.array([at for at, _ in palette.SIGMAS])
     mixed = np.stack(
         [np.interp(sigmas, stops, column) for column in np.array([c for _, c in palette.SIGMAS]).T], axis=-1
     )
     mixed[np.isnan(sigmas)] = palette.UNKNOWN
-    return np.repeat(mixed[:, None], 2, axis=1).round().astype(np.uint8)
+    linear = 255.0 * (mixed / 255.0) ** 2.2
+    return np.repeat(linear[:, None], 2, axis=1).round().astype(np.uint8)
 
 
 def worst_words(worst: Worst) -> str:
