@@ -174,6 +174,12 @@ def near(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], colour: tuple[
     return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 40).sum())
 
 
+def unfold(page: Page, *folders: str) -> None:
+    """Open folders of the panel."""
+    for name in folders:
+        page.get_by_text(name, exact=True).click()
+
+
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from one of the panel's lists."""
     page.get_by_role("combobox", name=label, exact=True).click()

@@ -46,7 +46,8 @@ _STYLE = (
     f".companion-transport .main:hover{{background:{palette.css(palette.BRAND)}}}"
     ".companion-transport .gap{width:10px}.companion-transport .far{margin-left:auto}"
     ".companion-key{display:flex;justify-content:flex-end;font-size:11px;line-height:14px;padding:0 70px 1px 0;"
-    f"height:15px;overflow:hidden}}@media {PHONE}{{.companion-transport .fine{{display:none}}"
+    "height:15px;overflow:hidden}@media (max-width:1100px){.companion-transport .fine{display:none}}"
+    f"@media {PHONE}{{"
     ".companion-key{padding-right:8px;justify-content:flex-start}}"
     "</style>"
 )

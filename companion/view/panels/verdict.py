@@ -119,11 +119,14 @@ def drift_table(drift: Drift, assessment: Assessment, colour: Rgb, horizon_s: fl
         for first, key in ((f"{one.horizon_s:g} s", "median"), (counted(one.windows, "window"), "p95")):
             rows.append(row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
         of_sigma = ("" if s is None else significant(s) for s in sigma)
-        rows.append(row(("", "expected", *of_sigma), f"opacity:{palette.QUIET}"))
+        rows.append(row(("", "allowed", *of_sigma), f"opacity:{palette.QUIET}"))
         left = left_out(one.excluded)
         if left and chosen:
             rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
-    note = block("Median and 95 % of the windows; paler, the expected 1σ.", "opacity:0.65")
+    note = block(
+        "Median and 95 % of the windows; paler, what is allowed (1σ, before the flight's own calibration).",
+        "opacity:0.65",
+    )
     head = ("after", "", *(q.unit for q in QUANTITIES))
     return title(f"{swatch(colour)}Drift of {escape(drift.imu)}") + table(head, rows) + note
 
