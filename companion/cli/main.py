@@ -7,7 +7,6 @@ import contextlib
 import errno
 import io
 import os
-import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -70,16 +69,14 @@ def _check_command(given: str) -> None:
         return
     if near := nearest_word(given, COMMANDS):
         raise SettingsError(f"There is no command {given}. Did you mean companion {near}?")
-    if _LINK.match(given):
-        raise SettingsError(f"There is no command {given}. Did you mean companion view {given}?")
+    from companion.links import is_link, meant_link  # noqa: PLC0415  (not needed for a command that there is)
+
+    if link := given if is_link(given) else meant_link(given):
+        raise SettingsError(f"There is no command {given}. Did you mean companion view {link}?")
     log = (
         f"Did you mean companion analyze {given}?" if given and Path(given).exists() else "All commands: companion help"
     )
     raise SettingsError(f"There is no command {given}. {log}")
-
-
-_LINK = re.compile(r"(udp|tcp|serial)\w*:|/dev/|COM\d", re.IGNORECASE)
-"""What a link begins with."""
 
 
 def _no_such(given: str, command: str) -> str:

@@ -11,7 +11,7 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
 from companion.present import palette, paragraph
-from companion.report import drift, errors_over_time, lanes, noise, preflight, provenance, sensors, vibration
+from companion.report import drift, errors_over_time, lanes, preflight, provenance, sensors, vibration
 from companion.report.charts import Charts
 from companion.report.findings import bare_findings, findings
 from companion.report.html_page import Section, sheet
@@ -28,7 +28,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
     ("budget", "Expected drift, and what causes it", drift.budget),
     ("calibration", "Calibration", sensors.calibration),
     ("imus", "Every IMU side by side", sensors.redundant_imus),
-    ("noise", "IMU noise", noise.noise),
+    ("noise", "IMU noise", vibration.noise),
     ("spectra", "IMU spectra", vibration.spectra),
     ("vibration", "Vibration", vibration.shaking),
 )

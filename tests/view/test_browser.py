@@ -29,6 +29,7 @@ from companion.view import (
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
+from companion.view.state.moments import moment_of
 from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, unfold, until
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight, recompute
 from tests.waiting import LIMIT_S
@@ -414,6 +415,8 @@ def test_it_opens_before_the_fault_plays_it_and_a_finding_leads_to_its_worst(pag
         page.get_by_role("tab", name="Findings", exact=True).click()
         expect(page.get_by_text("What to do: warm it up")).to_be_visible()
         page.get_by_role("button", name="Fault: gyro bias").click()
-        until(lambda: BOOT + 37.0 < viewer.player.time <= BOOT + 49.0, "its strongest moment")
+        (found,) = viewer.controller._display.result.assessment.verdict.findings  # type: ignore[union-attr]
+        strongest = moment_of(found, viewer.controller._display).strongest_s
+        until(lambda: viewer.player.time == pytest.approx(strongest), "its strongest moment")
         expect(page.get_by_text("Attitude error since the anchor, °")).to_be_visible()
         keep(page, "finding")
