@@ -33,7 +33,6 @@ from companion.present import (
     ranked,
     redundant_imus_table,
     vehicle_words,
-    vibration_words,
     words,
 )
 
@@ -116,8 +115,6 @@ def _everything(examined: Examination) -> Iterator[str | Table]:
     )
     yield f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})"
     yield from sensor_lines.noise_lines(assessment)
-    if shaking := vibration_words(flight):
-        yield f"Vibration: {shaking}"
     yield sensor_lines.autopilot_line(assessment)
     yield f"Reference: {reference_line(flight)}"
     how = assessment.comparison.how

@@ -111,15 +111,15 @@ def outcome(difference: Contrast) -> str:
         return "No horizon has usable windows in both: nothing to compare."
     parts = []
     for direction, sign in (("worse", 1.0), ("better", -1.0)):
-        found = [
+        significant = [
             (sign * change.ratio, f"{quantity} after {row.a.horizon_s:g} s {_percent(change.ratio)}")
             for row in difference.rows
             for quantity, change in row.changes.items()
             if change.direction == direction
         ]
-        if found:
-            more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-            parts.append(f"{direction}: {max(found)[1]}{more}")
+        if significant:
+            more = f", and {len(significant) - 1} more" if len(significant) > 1 else ""
+            parts.append(f"{direction}: {max(significant)[1]}{more}")
     return f"B is {'; '.join(parts)}." if parts else "No significant change: B differs no more than windows do."
 
 

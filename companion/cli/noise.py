@@ -20,7 +20,7 @@ from companion.documents import encode, noise_document
 from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
 from companion.model import DataError, Flight, InputError
-from companion.present import SENSORS, density, fixed, interval, vibration_words
+from companion.present import SENSORS, density, fixed, interval
 
 _VIBRATION = {"gyro": ("°/s", float(np.degrees(1.0))), "accel": ("m/s²", 1.0)}
 """Unit of a vibration, and the factor to it."""
@@ -58,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(encode(noise_document(recording.source, flight, noises)))
     else:
-        shaking = vibration_words(flight)
-        tables.console().lines(*_lines(noises, refused), *([f"\nVibration: {shaking}"] if shaking else []))
+        tables.console().lines(*_lines(noises, refused))
     if path is not None:
         _write(path, next((noise for noise in noises if noise.imu == main), noises[0]), Path(arguments.log).name)
     return 0

@@ -30,7 +30,7 @@ from companion.present.formats import (
 from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
 from companion.present.lanes import lane_lines, lane_table, switch_words
 from companion.present.markup import Link, details, html_table, paragraph, table, text
-from companion.present.noise import SENSORS, density, interval, vibration_words
+from companion.present.noise import SENSORS, density, interval
 from companion.present.palette import Rgb, of_imus
 from companion.present.preflight import preflight_headline, preflight_table
 from companion.present.tables import (
