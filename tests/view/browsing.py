@@ -129,7 +129,7 @@ def open_page(page: Page, url: str, *, charts: bool = True) -> Page:
         expect(page.locator("[data-past], #companion-ended")).to_have_count(0)
     else:
         page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
-    page.wait_for_selector("canvas")
+    page.wait_for_selector("canvas[data-engine]")
     expect(page.get_by_text("companion", exact=True)).to_be_visible()  # the panel
     if charts:
         page.get_by_role("tab", name="Charts", exact=True).click()
