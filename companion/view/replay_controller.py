@@ -44,6 +44,7 @@ PATIENCE_S = 1.0  # of work before it is spoken of
 OPENING, UNSEEN = 1.5, 2.0
 """s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
 being built needs the machine for itself."""
+_ROUNDED_S = 0.02  # by which the instant that a page remembers may differ
 TRAILS = {
     "Since the anchor": TrailSpan(None, anchored=True),
     "Last 60 s": TrailSpan(60.0),
@@ -145,9 +146,11 @@ class ReplayController(Controller):
         """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
         if again and (self._visited or len(self.browsers) > 1 or not self._untouched):
             return
-        self._visited = True
         with contextlib.suppress(ValueError):
+            if again and abs(float(t) - self._opened_s) < _ROUNDED_S:
+                return  # where the page opened by itself: it may go on to what the analysis finds
             self.player.go(float(t))
+        self._visited = True
         if imu in self._flight.imus and imu != self._requested.imu:
             others = tuple(name for name in self._requested.others if name != imu)
             self._compute(self._flight, replace(self._requested, imu=imu, others=others))
