@@ -56,7 +56,7 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         page.get_by_role("button", name=f"Note: {words(first.kind)}").click()
         strongest = moment_of(first, viewer.controller._display).strongest_s
         until(lambda: abs(viewer.player.time - strongest) < 0.05, "the finding")
-        expect(page.get_by_text(first.evidence)).to_be_visible()
+        expect(page.get_by_text(first.evidence).first).to_be_visible()
         tab(page, "Drift")
         row, expected = found.drift.rows[2], found.expected[2]
         assert expected is not None
