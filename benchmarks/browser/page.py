@@ -84,7 +84,7 @@ def measured(page: Page, log: Path) -> str:
         there = time.perf_counter()
         page.goto(address[0])
         drawn = page.wait_for_function("() => window.seen").json_value() / 1e3  # since the address was opened
-        page.get_by_text(re.compile("consistent|suspect|cannot tell", re.IGNORECASE)).first.wait_for()
+        page.get_by_text(re.compile("No IMU fault found| wrong|Cannot tell|Too little")).first.wait_for()
         judged = time.perf_counter()
         keys = answers(page)
         served.send_signal(signal.SIGINT)

@@ -82,6 +82,7 @@ def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
 def _lines(
     difference: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool
 ) -> Iterator[str | Table]:
+    yield f"[bold]{outcome(difference)}[/]\n"
     for name, (recording, examined) in (("A", a), ("B", b)):
         verdict, table, flight = examined.assessment.verdict, examined.assessment.drift, examined.flight
         yield (
@@ -99,11 +100,27 @@ def _lines(
         yield from _significant(difference)
         yield "\n[bold]Expected drift (1σ)[/]"
         yield _budget_table(difference)
-    else:
-        yield "\nNo horizon has usable windows in both: nothing to compare."
     yield ""
     yield from _finding_lines(difference)
     yield from _calibration_lines(difference)
+
+
+def outcome(difference: Contrast) -> str:
+    """The answer in a sentence: whether B drifts more, and where the change is largest."""
+    if not any(row.changes for row in difference.rows):
+        return "No horizon has usable windows in both: nothing to compare."
+    parts = []
+    for direction, sign in (("worse", 1.0), ("better", -1.0)):
+        significant = [
+            (sign * change.ratio, f"{quantity} after {row.a.horizon_s:g} s {_percent(change.ratio)}")
+            for row in difference.rows
+            for quantity, change in row.changes.items()
+            if change.direction == direction
+        ]
+        if significant:
+            more = f", and {len(significant) - 1} more" if len(significant) > 1 else ""
+            parts.append(f"{direction}: {max(significant)[1]}{more}")
+    return f"B is {'; '.join(parts)}." if parts else "No significant change: B differs no more than windows do."
 
 
 def _drift_table(difference: Contrast) -> Table:

@@ -12,7 +12,7 @@ from companion.app.examination import examine
 from companion.cli import options, parsers
 from companion.documents import analysis_document
 from companion.export import FORMATS, Contents, assessed_replay, tables
-from companion.model import DataError
+from companion.model import DataError, SettingsError
 
 
 def add_options(parser: parsers.Parser) -> None:
@@ -23,9 +23,8 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_reanchor(parser)
     parser.add_argument(
         "--format",
-        required=True,
         choices=tuple(FORMATS),
-        help="; ".join(f"{name}: {one.what}" for name, one in FORMATS.items()),
+        help="; ".join(f"{name}: {one.what}" for name, one in FORMATS.items()) + " (default: what the name ends in)",
     )
     parser.add_argument("-o", "--output", required=True, metavar="PATH", help=f"a folder for {folders}; else a file")
     parser.add_argument("--force", action="store_true", help="replace what is there already")
@@ -33,7 +32,8 @@ def add_options(parser: parsers.Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the flight."""
-    path, kind = Path(arguments.output), FORMATS[arguments.format]
+    path = Path(arguments.output)
+    kind = FORMATS[arguments.format or _by_name(path)]
     (destination.check_folder if kind.is_folder else destination.check)(path, force=arguments.force)
     settings, recording, flight = options.one_flight(arguments)
     contents: Contents | None = None
@@ -55,9 +55,18 @@ def run(arguments: argparse.Namespace) -> int:
             files = kind.bare(place, tables(flight))
     names = ", ".join(file.name for file in files) if kind.is_folder else ""
     print(f"written: {path}" + (f": {names}" if names else ""))
-    if arguments.format == "tum" and contents is not None:
+    if kind.name == "tum" and contents is not None:
         print(_ape_line(contents.shown))
     return 0
+
+
+def _by_name(path: Path) -> str:
+    """The format that a file's name ends in. Raises SettingsError for one that ends in none."""
+    name = path.suffix.removeprefix(".").lower()
+    if name in FORMATS and not FORMATS[name].is_folder:
+        return name
+    endings = ", ".join(f".{known}" for known, one in FORMATS.items() if not one.is_folder)
+    raise SettingsError(f"the format of {path} is not known: give --format, or a name that ends in {endings}.")
 
 
 def _ape_line(shown: Replay) -> str:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
@@ -15,7 +16,7 @@ from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
 from companion.cli import many_logs, options, parsers, tables
 from companion.documents import encode, info_document
-from companion.model import Flight, SettingsError, counted
+from companion.model import Flight, SettingsError, counted, longest_step
 from companion.present import capitalised, severity_word, vehicle_words
 
 _MOST_SHOWN = 16  # flights
@@ -131,6 +132,8 @@ def _print_flight(console: tables.Console, flight: Flight) -> None:
 def _facts(flight: Flight) -> Iterator[tuple[str, str]]:
     yield "would integrate", imu_line(flight)
     yield "would compare with", reference_line(flight)
+    if missed := gap_line(flight):
+        yield "gaps", missed
     if used := used_imus(flight):
         yield "estimator used", used
     if used := used_aiding(flight):
@@ -198,6 +201,24 @@ def imu_line(flight: Flight) -> str:
         return "nothing: no IMU message with two samples or more"
     track = flight.imus[name]
     return f"{name} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
+
+
+def gap_line(flight: Flight) -> str:
+    """The gaps of that IMU, and whether the vehicle was armed: a log that pauses while disarmed has lost nothing."""
+    switched = [(event.t, event.kind == "armed") for event in flight.events if event.kind in ("armed", "disarmed")]
+    if flight.default_imu is None or not switched:
+        return ""
+    t = flight.imus[flight.default_imu].t
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > longest_step(t))
+    before = np.searchsorted([at for at, _ in switched], t[gaps], side="right")
+    states = [not switched[0][1], *(armed for _, armed in switched)]  # before the first it was the other way
+    armed = np.array([states[i] for i in before], dtype=bool)
+    parts = []
+    for chosen, words in ((armed, "while armed"), (~armed, "while disarmed, where a log may pause")):
+        if chosen.any():
+            parts.append(f"{counted(int(chosen.sum()), 'gap')} {words}, the longest {steps[gaps[chosen]].max():.2f} s")
+    return "; ".join(parts)
 
 
 def reference_line(flight: Flight) -> str:

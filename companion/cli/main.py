@@ -69,7 +69,13 @@ def _check_command(given: str) -> None:
         return
     if near := nearest_word(given, COMMANDS):
         raise SettingsError(f"There is no command {given}. Did you mean companion {near}?")
-    log = f"For a log: companion analyze {given}" if given and Path(given).exists() else "All commands: companion help"
+    from companion.links import is_link, meant_link  # noqa: PLC0415  (not needed for a command that there is)
+
+    if link := given if is_link(given) else meant_link(given):
+        raise SettingsError(f"There is no command {given}. Did you mean companion view {link}?")
+    log = (
+        f"Did you mean companion analyze {given}?" if given and Path(given).exists() else "All commands: companion help"
+    )
     raise SettingsError(f"There is no command {given}. {log}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import webbrowser
 from pathlib import Path
 
 from companion.app import destination
@@ -17,6 +18,7 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_log(parser)
     parsers.add_judgement(parser)
     parsers.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
+    parser.add_argument("--open", action="store_true", help="show it in the browser")
     parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")
 
 
@@ -39,5 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         page = report_html(examined, source, settings, command=command, with_playback=not arguments.no_playback)
     with destination.replacing(path) as part:
         part.write_text(page, encoding="utf-8")
+    if arguments.open:
+        webbrowser.open(path.resolve().as_uri())
     print(f"{path}: {path.stat().st_size:,} bytes. {summary}")
     return 0

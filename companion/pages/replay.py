@@ -15,6 +15,7 @@ from companion.analysis import (
     NO_CORRECTION,
     Assessment,
     Correction,
+    Expected,
     ImuNoise,
     Integration,
     Replay,
@@ -38,6 +39,9 @@ from companion.view import (
     Viewer,
     chosen_track,
     display_trajectory,
+    joined,
+    missing_anchor,
+    with_result,
 )
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
@@ -81,14 +85,31 @@ class Answers:
         examined = self._examination(flight, choice, display)
         assessment = examined.assessment
         comparison = assessment.comparison
-        return AnalysisResult(
+        result = AnalysisResult(
             assessment,
             trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
             horizon_s=choice.horizon_s,
             redundant_imus=examined.redundant_imus,
-            expected=expected_since_anchor(comparison, assessment.figures, assessment.autopilot, display.replay),
             noise=_noise_of(flight, assessment),
+            calibrated=_calibrated(assessment, choice.horizon_s),
         )
+        anchored = self._anchored(flight, choice, with_result(display, result))
+        shown = display.replay if anchored is None else anchored
+        expected = expected_since_anchor(comparison, assessment.figures, assessment.autopilot, shown)
+        return replace(result, expected=expected, replay=anchored)
+
+    def _anchored(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Replay | None:
+        """The same replay, anchored where the page opens as well; None where it is, or runs free."""
+        start = missing_anchor(display)
+        if start is None or choice.reanchor_s is None:
+            return None
+        before, how = display.replay, choice.integration(flight)
+        seen = flight.with_imu(display.track) if display.track else flight
+        try:
+            after = replay(seen, imu=choice.imu, how=how, reanchor_s=choice.reanchor_s, start_s=start)
+        except DataError:  # the autopilot's state is not known from there on
+            return None
+        return joined(before, after)
 
     def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
         """From rest where requested, as long as the page requests no anchor of the autopilot's."""
@@ -218,6 +239,21 @@ def _noise_of(flight: Flight, assessment: Assessment) -> ImuNoise | None:
         return imu_noise(flight, comparison.track.source, assessment.figures, comparison.how.limits)
     except DataError:
         return None
+
+
+def _calibrated(assessment: Assessment, horizon_s: float) -> Expected | None:
+    """What windows may be off by once the biases that the flight tells are taken off; None where it tells none."""
+    fit, figures = assessment.calibration, assessment.figures
+    rows = [i for i, one in enumerate(assessment.drift.rows) if one.horizon_s == horizon_s]
+    if fit is None or assessment.made_worse or not rows:
+        return None
+    gyro, accel = (float((fit.sigma[axes] ** 2).mean() ** 0.5) for axes in (slice(0, 3), slice(3, 6)))
+    own = replace(
+        figures,
+        gyro=replace(figures.gyro, residual_bias=min(gyro, figures.gyro.residual_bias)),
+        accel=replace(figures.accel, residual_bias=min(accel, figures.accel.residual_bias)),
+    )
+    return replace(assessment, figures=own).expected_of(rows[0])
 
 
 def _correction_of(assessment: Assessment) -> Correction | None:

@@ -10,8 +10,7 @@ from companion.present.calibration import (
     level_force,
     not_observable,
 )
-from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity
-from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, ranked, span
+from companion.present.findings import MOST_LINES, FindingGroup, Headline, flight_words, grouped, headline, ranked, span
 from companion.present.formats import (
     autopilot_words,
     capitalised,
@@ -20,6 +19,7 @@ from companion.present.formats import (
     length,
     method_words,
     percent,
+    severity_of,
     severity_word,
     short,
     shown_unit,
@@ -34,8 +34,12 @@ from companion.present.noise import SENSORS, density, interval
 from companion.present.palette import Rgb, of_imus
 from companion.present.preflight import preflight_headline, preflight_table
 from companion.present.tables import (
+    AXES,
+    QUANTITIES,
+    STATISTICS,
     Cell,
     Column,
+    Quantity,
     Table,
     agreement_table,
     dominant,

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from companion.analysis import PARTS, Assessment, Calibration, Drift
-from companion.present.columns import AXES
 from companion.present.formats import short
+from companion.present.tables import AXES
 
 _DEGREES = math.degrees(1.0)
 

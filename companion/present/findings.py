@@ -1,4 +1,4 @@
-"""Findings, grouped and ranked: the same few lines for terminal, page and report."""
+"""The verdict as a headline, and its findings grouped and ranked: the same for terminal, page and report."""
 
 from __future__ import annotations
 
@@ -6,14 +6,66 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from companion.analysis import Finding, FlightVerdict, by_severity
+from companion.analysis import Cause, Finding, FlightVerdict, Verdict, by_severity
+from companion.analysis import percent as probability
 from companion.model import words
-from companion.present.formats import clause, shown_unit, significant, with_unit
+from companion.present.formats import capitalised, clause, shown_unit, significant, with_unit
 
 MOST_LINES = 7
 """Groups of findings on a screen."""
 
 _BRACKETS = re.compile(r" \([^()]*\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """A verdict as a plain sentence."""
+
+    sentence: str  # "Accelerometer x wrong, 69-81 s"
+    probability: str  # "probability over 99.9 %"; "" where it is not known
+    detail: str  # what the sentence rests on
+
+
+def headline(verdict: Verdict) -> Headline:
+    """What a reader has to know first; the numbers behind it are the detail."""
+    detail = capitalised(clause(verdict.summary))
+    if (cause := verdict.cause) is not None:
+        sure, detail = cause.side_probability, _SURE.sub("", detail)
+        return Headline(
+            f"{wrong(cause)}, {lasting(cause)}", "" if sure is None else f"probability {probability(sure)}", detail
+        )
+    if verdict.status == "consistent":
+        nobody, rest = verdict.probability.get("nobody"), max(verdict.probability.values(), default=0.0)
+        sure = nobody if nobody is not None and nobody >= rest else None
+        detail = detail if sure is None else _SURE.sub("", detail)
+        return Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
+    if any(one.undecided for one in verdict.findings):
+        return Headline("Cannot tell which side is wrong", "", detail)
+    return Headline("Too little in this log to judge", "", detail)
+
+
+def wrong(cause: Cause) -> str:
+    """Which sensor or which part of the autopilot's estimate: "Gyro z wrong"."""
+    if cause.sensor in _SENSORS:
+        return " ".join(filter(None, (_SENSORS[cause.sensor], cause.axis, "wrong")))
+    what = words(cause.kind)
+    if cause.sensor:
+        return f"{what[:1].upper()}{what[1:]} wrong"
+    return f"{'IMU' if cause.side == 'imu' else 'Autopilot'} wrong: {what}"
+
+
+def lasting(cause: Cause) -> str:
+    """When: "69-81 s"; "from 40 s to the end"; "since the start" where it was there already."""
+    if cause.onset_sigma_s is None and cause.end_s is None:
+        return "since the start"
+    if cause.end_s is None:
+        return f"from {cause.onset_s:.0f} s to the end"
+    start, end = f"{cause.onset_s:.0f}", f"{cause.end_s:.0f}"
+    return f"at {start} s" if start == end else f"{start}-{end} s"
+
+
+_SURE = re.compile(r" \(probability [^()]*\)|; no sensor fault: [^()]*(?=\))")  # stands beside the sentence
+_SENSORS = {"gyro": "Gyro", "accel": "Accelerometer"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,6 +84,11 @@ def severity_word(severity: int) -> str:
     return _SEVERITIES[severity] if 0 <= severity < len(_SEVERITIES) else str(severity)
 
 
+def severity_of(severity: str) -> str:
+    """Of a finding, in a word."""
+    return {"error": "fault", "info": "note"}.get(severity, severity)
+
+
 def clause(sentence: str) -> str:
     """A verdict's sentence without its status: "Suspect the IMU: stuck." is "stuck."."""
     return re.sub(r"^(Suspect the IMU|Suspect the autopilot's estimate|Cannot tell): ", "", sentence)

@@ -49,6 +49,11 @@ MODES_OPACITY = 0.25
 BAND, BAND_OPACITY = CURSOR, 0.12
 """Behind all bands of the timeline."""
 
+SIGMAS: tuple[tuple[float, Rgb], ...] = ((1.0, (139, 178, 208)), (2.0, (224, 164, 36)), (3.0, BAD))
+"""Error in σ of what is allowed → colour of the autopilot's track: pale blue, amber, red, and mixed in between."""
+UNKNOWN: Rgb = (175, 175, 175)
+"""Where no error is known."""
+
 
 def contrast(one: Rgb, other: Rgb) -> float:
     """Contrast ratio of two colours, 1 to 21 (WCAG 2.1, 1.4.3): 4.5 is the least for text."""

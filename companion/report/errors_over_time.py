@@ -18,7 +18,7 @@ def errors(subject: Subject) -> str:
     if shown is None:
         return paragraph(f"Not drawn: {subject.why_no_replay}")
     expected = subject.expected
-    panels = error_panels(shown, expected)
+    panels = error_panels(shown, expected, subject.colour)
     severe = [f for f in subject.assessment.verdict.findings if f.severity != "info" and not subject.is_throughout(f)]
     figure = traces.stack(panels, traces.TIME, spans=[(f.start_s, f.end_s) for f in severe])
     period = subject.settings.view.reanchor_s
@@ -28,7 +28,7 @@ def errors(subject: Subject) -> str:
         else "The IMU alone from beginning to end. "
     )
     caption += (
-        "Grey: what is expected since the start, 1σ and 3σ. "
+        "Grey: what is allowed since the anchor, 1σ and 3σ. "
         if expected is not None
         else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
     )
@@ -37,8 +37,11 @@ def errors(subject: Subject) -> str:
     return note + subject.charts.add(figure, caption, rows=len(panels))
 
 
-def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Panel]:
-    """Attitude, tilt and heading, velocity and position error over time; expected: of them, None where not known."""
+def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rgb) -> list[traces.Panel]:
+    """Attitude, tilt and heading, velocity and position error over time, in the colour of the IMU.
+
+    expected: of them; None where it is not known.
+    """
     sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
     measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
@@ -48,7 +51,7 @@ def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Pan
     panels = []
     for i, (name, unit, error) in enumerate(measured):
         drawn = [] if expected is None or sigma is None else _envelope(expected.t, sigma[i])
-        drawn.append(traces.line(shown.t, error, "IMU from autopilot", palette.DIFFERENCE, breaks=regained(shown)))
+        drawn.append(traces.line(shown.t, error, "IMU from autopilot", colour, breaks=regained(shown)))
         panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i])))
     horizontal = np.linalg.norm(degrees[:, :2], axis=1)
     panels.insert(
@@ -56,8 +59,8 @@ def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Pan
         traces.Panel(
             "tilt, heading, °",
             [
-                traces.line(shown.t, horizontal, "tilt", palette.DIFFERENCE, line={"dash": "dot"}),
-                traces.line(shown.t, degrees[:, 2], "heading", palette.HEADING),
+                traces.line(shown.t, horizontal, "tilt", colour, line={"dash": "dot"}),
+                traces.line(shown.t, degrees[:, 2], "heading", colour),
             ],
         ),
     )
@@ -66,8 +69,8 @@ def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Pan
 
 def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:
     return [
-        traces.band(t, 3 * sigma, "expected 3σ", traces.GREY, 0.16),
-        traces.band(t, sigma, "expected 1σ", traces.GREY, 0.28),
+        traces.band(t, 3 * sigma, "allowed 3σ", traces.GREY, 0.16),
+        traces.band(t, sigma, "allowed 1σ", traces.GREY, 0.28),
     ]
 
 

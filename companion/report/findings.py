@@ -8,12 +8,25 @@ import numpy as np
 
 from companion.analysis import Finding, Replay, Verdict, by_severity, errors, replay, windows
 from companion.model import Array, CompanionError
-from companion.present import FindingGroup, capitalised, details, palette, paragraph, ranked, table, text, words
+from companion.present import (
+    FindingGroup,
+    capitalised,
+    details,
+    palette,
+    paragraph,
+    ranked,
+    severity_of,
+    table,
+    text,
+    words,
+)
 from companion.report import traces
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 
 _RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
+_SENSED = ("imu_lag", "gps", "compass", "barometer", "heading", "tilt", "position", "velocity", "height", "declination")
+"""In a kind: what does not show in the times of the samples; all but the first where both have gone."""
 _FREE_S = 30.0  # up to which the IMU alone is a yardstick
 _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
@@ -44,11 +57,13 @@ def bare_findings(verdict: Verdict) -> str:
 def _article(group: FindingGroup, chart: str) -> str:
     finding = group.worst
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
-    advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
+    is_note = finding.severity == "info"
+    advice = "" if is_note else paragraph(f"What to do: {finding.advice}", "advice")
+    drawn = details("Chart", chart) if chart and is_note else chart
     return (
         f'<article class="finding {text(finding.severity)}"><h3>{text(capitalised(words(finding.kind)))} '
-        f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
-        f"{paragraph(str(group))}{advice}{chart}</article>"
+        f'<span class="quiet">{text(severity_of(finding.severity))}, {text(finding.side)}, {when}</span></h3>'
+        f"{paragraph(str(group))}{advice}{drawn}</article>"
     )
 
 
@@ -69,9 +84,9 @@ def _drawn(subject: Subject, group: FindingGroup) -> str:
 
 def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tuple[list[traces.Panel], str]:
     """What there is to see of a finding between two times, s."""
-    if finding.side == "data" and finding.kind != "imu_lag":
+    if finding.side == "data" and not any(word in finding.kind for word in _SENSED):
         return _intervals(subject, low, high), "Time between two samples of the IMU."
-    if finding.side == "autopilot":
+    if finding.side == "autopilot" or any(word in finding.kind for word in _SENSED[1:]):
         caption = "The IMU alone, from the autopilot's state on, and the autopilot."
         return _errors(subject, finding.kind, low, high), caption
     if not any(part in finding.kind for part in _RAW) and (panels := _differences(subject, low, high)):
@@ -113,7 +128,7 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
 
 
 def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
-    """Heading and place of both, as far as the kind is about them."""
+    """What the kind is about, of both: roll and pitch, heading, velocity, height or place."""
     shown = _replayed(subject, low, high)
     if shown is None:
         return []
@@ -128,13 +143,23 @@ def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces
             ],
         )
 
-    panels = []
-    if "position" not in kind:
-        panels.append(both("heading, °", _heading(shown.q_imu), _heading(shown.q_ref)))
-    if "heading" not in kind and shown.has_position:
-        for i, (title, sign) in enumerate((("north, m", 1), ("east, m", 1), ("height, m", -1))):
-            panels.append(both(title, sign * shown.position_imu[:, i], sign * shown.position_ref[:, i]))
-    return panels
+    imu, ref = quaternion.to_euler(shown.q_imu), quaternion.to_euler(shown.q_ref)
+    angles = [
+        both(f"{n}, °", _degrees(imu[:, i]), _degrees(ref[:, i])) for i, n in enumerate(("roll", "pitch", "heading"))
+    ]
+    if "tilt" in kind:
+        return angles[:2]
+    if not shown.has_position or any(word in kind for word in ("heading", "compass", "declination")):
+        return angles[2:]
+    if "velocity" in kind:
+        pairs = zip(("north", "east", "down"), shown.velocity_imu.T, shown.velocity_ref.T, strict=True)
+        return [both(f"{name}, m/s", own, other) for name, own, other in pairs]
+    signs = (1, 1, -1)
+    places = [
+        both(f"{name}, m", sign * shown.position_imu[:, i], sign * shown.position_ref[:, i])
+        for i, (name, sign) in enumerate(zip(("north", "east", "height"), signs, strict=True))
+    ]
+    return places[2:] if "height" in kind or "barometer" in kind else places
 
 
 def _replayed(subject: Subject, low: float, high: float) -> Replay | None:
@@ -163,9 +188,9 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
 
 
-def _heading(q: Array) -> Array:
-    """Heading (N,) of attitudes (N, 4) without steps at ±180°, °."""
-    return np.asarray(np.degrees(np.unwrap(quaternion.to_euler(q)[:, 2])))
+def _degrees(angle: Array) -> Array:
+    """Angles (N,) rad without steps at ±180°, °."""
+    return np.asarray(np.degrees(np.unwrap(angle)))
 
 
 def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:

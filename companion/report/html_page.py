@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
-from companion.present import text
+from companion.present import details, text
 from companion.report.charts import Charts
 
 _POLICY = (
@@ -25,7 +25,7 @@ def sheet(title: str, head: str, sections: Sequence[Section], charts: Charts, da
     ]
     scripts = "\n".join([*carried, f'<script type="application/gzip" id="plotly">{charts.library()}</script>'])
     contents = "".join(f'<a href="#{section.anchor}">{text(section.title)}</a>' for section in sections)
-    bodies = "".join(f'<section id="{s.anchor}"><h2>{text(s.title)}</h2>{s.body}</section>' for s in sections)
+    bodies = "".join(map(_section, sections))
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
@@ -36,6 +36,12 @@ def sheet(title: str, head: str, sections: Sequence[Section], charts: Charts, da
         '<noscript><p class="warning">The charts need JavaScript; the tables are complete.</p></noscript>'
         f"{scripts}<script>{_own('page.js')}</script></body></html>\n"
     )
+
+
+def _section(one: Section) -> str:
+    if one.folded:
+        return f'<section id="{one.anchor}" class="folded">{details(one.title, one.body)}</section>'
+    return f'<section id="{one.anchor}"><h2>{text(one.title)}</h2>{one.body}</section>'
 
 
 def _inert(json: str) -> str:
@@ -55,3 +61,4 @@ class Section:
     anchor: str
     title: str
     body: str  # HTML
+    folded: bool = False  # on screen, until it is opened

@@ -80,17 +80,35 @@
       drawn.set(target, contentRect.width);
     }
   });
-  for (const [i, figure] of JSON.parse(content("figures")).entries()) {
-    const chart = document.getElementById(`chart${i + 1}`);
+  // What is folded away has no width to be drawn in: its charts are drawn when it is opened, or printed.
+  const waiting = new Map(); // chart → figure
+  const draw = async (chart) => {
+    const figure = waiting.get(chart);
+    if (!figure || !waiting.delete(chart)) return;
     drawn.set(chart, chart.getBoundingClientRect().width);
     await Plotly.newPlot(chart, figure.data, figure.layout, options);
     places.observe(chart);
+  };
+  const isFolded = (chart) => chart.closest("details:not([open])");
+  for (const part of document.querySelectorAll("details")) {
+    part.addEventListener("toggle", () => part.querySelectorAll(".chart").forEach((one) => isFolded(one) || draw(one)));
+  }
+  const unfold = (address) => address && document.querySelector(`${address} > details`)?.setAttribute("open", "");
+  addEventListener("hashchange", () => unfold(location.hash));
+  unfold(location.hash);
+  for (const [i, figure] of JSON.parse(content("figures")).entries()) {
+    const chart = document.getElementById(`chart${i + 1}`);
+    waiting.set(chart, figure);
+    if (isFolded(chart)) continue;
+    await draw(chart);
     await new Promise((resume) => setTimeout(resume));
   }
 
   // Paper is as wide as A4 between its margins, whatever the window is.
   const PAPER = 680;
   addEventListener("beforeprint", () => {
+    document.querySelectorAll("section.folded > details").forEach((one) => one.setAttribute("open", ""));
+    [...waiting.keys()].forEach(draw);
     for (const chart of drawn.keys()) {
       const scale = chart.classList.contains("square") ? 0.9 : 0.8;
       Plotly.relayout(chart, {

@@ -11,7 +11,7 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
 from companion.present import palette, paragraph
-from companion.report import drift, errors_over_time, lanes, noise, preflight, provenance, sensors, vibration
+from companion.report import drift, errors_over_time, lanes, preflight, provenance, sensors, vibration
 from companion.report.charts import Charts
 from companion.report.findings import bare_findings, findings
 from companion.report.html_page import Section, sheet
@@ -19,6 +19,8 @@ from companion.report.subject import Subject, subject_of
 from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
 
+_OPEN = ("findings", "errors")
+"""Sections that are read at once; the others unfold."""
 _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
     ("findings", "Findings", findings),
     ("errors", "Errors over the flight", errors_over_time.errors),
@@ -26,7 +28,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
     ("budget", "Expected drift, and what causes it", drift.budget),
     ("calibration", "Calibration", sensors.calibration),
     ("imus", "Every IMU side by side", sensors.redundant_imus),
-    ("noise", "IMU noise", noise.noise),
+    ("noise", "IMU noise", vibration.noise),
     ("spectra", "IMU spectra", vibration.spectra),
     ("vibration", "Vibration", vibration.shaking),
 )
@@ -51,9 +53,9 @@ def report_html(
     subject = subject_of(examined, source, settings or Settings(), charts)
     drawn = flight, subject.replay, subject.colour, charts, assessment.best
     first = head(subject, ground(*drawn))
-    sections = [Section(anchor, title, body(subject)) for anchor, title, body in _SECTIONS]
+    sections = [Section(anchor, title, body(subject), anchor not in _OPEN) for anchor, title, body in _SECTIONS]
     sections += [*lanes.sections(subject), *preflight.sections(subject)]
-    sections.append(Section("track", "Altitude", track(*drawn)))
+    sections.append(Section("track", "Altitude", track(*drawn), folded=True))
     data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:
         sections.append(Section("playback", "3D playback", _playback(subject)))

@@ -9,18 +9,17 @@ import numpy as np
 
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
-from companion.model import Flight
+from companion.model import Flight, counted
 from companion.present import (
     QUANTITIES,
-    capitalised,
-    clause,
     flight_words,
+    headline,
     palette,
     paragraph,
     short,
+    table,
     text,
     vehicle_words,
-    words,
 )
 from companion.report.subject import Subject
 from companion.view import worst_stretch
@@ -34,19 +33,15 @@ def head(subject: Subject, ground: str) -> str:
     flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
     tracks = {"attitude": flight.attitude, "position": flight.position}
     against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
-    cards = "".join(
-        f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
-    )
     flights = "".join(paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(verdict.flights, 1))
-    banner = _banner(verdict.status, verdict.summary) + flights
-    body = f'{banner}<div class="cards">{cards}</div>{_warning(flight, rate)}'
+    body = f"{_banner(verdict)}{flights}{_worst(subject)}{_usual(subject)}{_warning(flight, rate)}"
     title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
     return f"<header>{title}{_beside(body, ground)}</header>"
 
 
 def bare_head(flight: Flight, source: Source, verdict: Verdict, ground: str) -> str:
     """The same for a flight that cannot be examined."""
-    body = _banner(verdict.status, verdict.summary)
+    body = _banner(verdict)
     return f"<header>{_title(flight, source, '')}{_beside(body, ground)}</header>"
 
 
@@ -63,10 +58,19 @@ def _title(flight: Flight, source: Source, used: str) -> str:
     return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
 
 
-def _banner(status: str, summary: str) -> str:
-    title = f"{palette.SIGNS[status]} {text(capitalised(words(status)))}"
-    sentence = capitalised(re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary)))
-    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(sentence)}</p></div>'
+def _banner(verdict: Verdict) -> str:
+    head = headline(verdict)
+    sure = f' <span class="sure">{text(_kept(head.probability))}</span>' if head.probability else ""
+    title = f"{palette.SIGNS[verdict.status]} {text(_kept(head.sentence))}"
+    return (
+        f'<div class="verdict {text(verdict.status)}" id="verdict"><h2>{title}{sure}</h2>'
+        f"<p>{text(_kept(head.detail))}</p></div>"
+    )
+
+
+def _kept(words: str) -> str:
+    """No line ends between a number and its per cent."""
+    return re.sub(r"(?<=\d) (?=%)", _NO_BREAK, words)
 
 
 def _date(flight: Flight) -> str:
@@ -80,47 +84,37 @@ def _date(flight: Flight) -> str:
     return f"{began:%Y-%m-%d %H:%M:%S} UTC ({flight.epoch.source})"
 
 
-def _cards(subject: Subject) -> list[tuple[str, str]]:
-    """The few numbers that a reader wants first: the worst, what was expected there, when; then what is usual.
-
-    The share of windows inside their bound is not among them: the verdict has it, of the windows that it judges.
-    """
-    cards = _worst(subject)
+def _usual(subject: Subject) -> str:
+    """What the IMU alone is off by after a few seconds, beside what is allowed: one table."""
     drift = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
     rows = [(row, should) for row, should in drift if row.windows]
     if not rows:
-        return cards
+        return ""
     row, should = min(rows, key=lambda pair: abs(pair[0].horizon_s - _SHOWN_S))
-    measured, expected = [], []
+    cells = []
     for quantity in QUANTITIES:
         statistic, sigma = getattr(row, quantity.attribute), getattr(should, quantity.attribute, None)
         if statistic is not None:
-            unit = quantity.after.replace(" ", _NO_BREAK)
-            measured.append(f"{short(statistic.median)}{unit}")
-            expected.append("" if sigma is None else f"{short(sigma)}{unit}")
-    cards.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
-    if all(expected):
-        cards.append(("expected then, 1σ", ", ".join(expected)))
-    return cards
+            cells.append([quantity.title, short(statistic.median), short(statistic.p95), short(sigma)])
+    name = f"after {row.horizon_s:g} s, {counted(row.windows, 'window')}"
+    return table([name, "median", "95 %", "allowed, 1σ"], cells, name="usual")
 
 
-def _worst(subject: Subject) -> list[tuple[str, str]]:
-    """Where IMU and autopilot are farthest apart, and how far they should be there."""
+def _worst(subject: Subject) -> str:
+    """Where IMU and autopilot are farthest apart, and how far they may be there, in a sentence."""
     shown = subject.replay
     worst = worst_stretch(shown) if shown is not None else None
     if shown is None or worst is None:
-        return []
-    alone = worst.end_s - worst.start_s
-    cards = [
-        ("farthest apart", f"{short(worst.apart_m)} m"),
-        (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
-    ]
-    expected = subject.expected
-    if expected is not None:
+        return ""
+    told = (
+        f"IMU and autopilot are farthest apart at {worst.end_s:.1f} s: {short(worst.apart_m)} m, "
+        f"{worst.end_s - worst.start_s:.1f} s after the anchor"
+    )
+    if (expected := subject.expected) is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:
-            cards.insert(1, (f"expected there, 1σ; {worst.apart_m / sigma:.1f} times that", f"{short(sigma)} m"))
-    return cards
+            told += f", {worst.apart_m / sigma:.1f} times the {short(sigma)} m allowed (1σ)"
+    return paragraph(f"{told}.".replace(" m,", f"{_NO_BREAK}m,"))
 
 
 def _warning(flight: Flight, rate_hz: float) -> str:

@@ -120,7 +120,7 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
                 | ({"showlegend": False} if name in seen else {})
             )
             seen.add(name)
-    shade, edge = palette.rgba(palette.IMU, 0.12), {"width": 1, "color": palette.rgba(palette.IMU, 0.35)}
+    shade, edge = palette.rgba(palette.DIFFERENCE, 0.12), {"width": 1, "color": palette.rgba(palette.DIFFERENCE, 0.35)}
     rectangle = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
     layout["shapes"] = [rectangle | {"x0": a, "x1": b, "fillcolor": shade, "line": edge} for a, b in spans]
     return {"data": data, "layout": layout}

@@ -17,6 +17,7 @@ from companion.view import best_path, extremes, worst_stretch
 
 _MOST_EVENTS = 200
 _LEAST_ROOM_M = 5.0
+_EXCURSION = 3.0  # times the size of the autopilot's track, that the map has room for beside it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +38,7 @@ def ground(
     figure = ground_track(flight, shown, colour, best)
     if figure is None:
         return ""
-    more = " Double-click shows all of the IMU where it runs off." if shown is not None else ""
-    where = f"North is up.{more} Metres from the flight's origin"
+    where = f"North is up.{_leaves(_paths(flight, shown, colour, best))} Metres from the flight's origin"
     if (origin := flight.origin) is not None:
         place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
         where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
@@ -107,14 +107,34 @@ def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: Best
 
 
 def _near(paths: Sequence[_Path], axis: int) -> list[float]:
-    """The range of an axis: the autopilot's track, and the IMU's as far as it is no farther off than that is long."""
+    """The range of an axis: the autopilot's track, and the IMU's up to a few times that off."""
     reference = paths[-1].position
-    room = max(float(np.ptp(reference, axis=0).max()), _LEAST_ROOM_M)
+    room = _room(reference)
     lowest, highest = float(reference[:, axis].min()), float(reference[:, axis].max())
     low = max(min(float(path.position[:, axis].min()) for path in paths), lowest - room)
     high = min(max(float(path.position[:, axis].max()) for path in paths), highest + room)
     margin = 0.05 * max(high - low, 1.0)
     return [low - margin, high + margin]
+
+
+def _room(reference: Array) -> float:
+    return _EXCURSION * max(float(np.ptp(reference, axis=0).max()), _LEAST_ROOM_M)
+
+
+def _leaves(paths: Sequence[_Path]) -> str:
+    """How far a path leaves the map, in a sentence; "" where none does."""
+    reference, room = paths[-1].position, _room(paths[-1].position)
+    told = []
+    for path in paths[:-1]:
+        beyond = np.maximum(path.position - reference.max(axis=0), reference.min(axis=0) - path.position)[:, :2].max(
+            axis=1
+        )
+        at = int(np.argmax(beyond))
+        if beyond[at] > room:
+            told.append(
+                f" {path.name} leaves the map: {short(float(beyond[at]))} m off the track at {path.t[at]:.1f} s."
+            )
+    return "".join(told)
 
 
 def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:

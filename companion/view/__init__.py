@@ -7,8 +7,17 @@ from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice,
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, LinkState, Seen, StreamState
 from companion.view.state.marks import Mark
+from companion.view.state.moments import missing_anchor
 from companion.view.state.places import best_path
-from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, Worst, display_trajectory, worst_stretch
+from companion.view.state.trajectory import (
+    AnalysisResult,
+    DisplayTrajectory,
+    Worst,
+    display_trajectory,
+    joined,
+    with_result,
+    worst_stretch,
+)
 
 if TYPE_CHECKING:
     from companion.view.export import replay_page
@@ -54,7 +63,10 @@ __all__ = [
     "chosen_track",
     "display_trajectory",
     "extremes",
+    "joined",
+    "missing_anchor",
     "replay_page",
+    "with_result",
     "with_track",
     "worst_stretch",
 ]

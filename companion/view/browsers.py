@@ -57,12 +57,16 @@ class Browsers:
         """folder: where each finds its list of cameras; choose: called where one of them is to look otherwise."""
         self._server, self._folder, self._controls, self._choose, self._mode = server, folder, controls, choose, mode
         self._open: dict[int, _Browser] = {}
+        self.framing = self._opening = framing
         self.place(framing)
 
-    def place(self, framing: Framing) -> None:
-        """Where new browsers begin from now on."""
-        self.framing = framing
-        camera(self._mode, framing).begin(self._server.initial_camera)
+    def place(self, framing: Framing, opening: Framing | None = None) -> None:
+        """Where cameras stand from now on; opening: where they begin, None: there too."""
+        before, self.framing, self._opening = self._opening, framing, opening or framing
+        camera(self._mode, self._opening).begin(self._server.initial_camera)
+        for browser in self._open.values():
+            if browser.mode in STILL and _stands(browser.client, browser.mode, before):
+                _stand(browser.client, browser.mode, self._opening)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -87,14 +91,20 @@ class Browsers:
         frame = client.scene.add_frame(WORLD, show_axes=False)
         self._open[number] = _Browser(client, frame, chooser, UNMOVED, self._mode)
         # a page that has found its way to another server may keep the camera of the one before
-        _stand(client, self._mode, self.framing)
+        _stand(client, self._mode, self._opening)
+
+    def look(self, framing: Framing, number: int | None = None) -> None:
+        """Take the cameras that do not follow to a part of the flight: one browser's, or all."""
+        for i, browser in self._open.items():
+            if number in (i, None) and browser.mode in STILL:
+                _stand(browser.client, browser.mode, framing)
 
     def settle(self) -> None:
         """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""
         for browser in self._open.values():
-            wide = camera(self._mode, self.framing)
+            wide = camera(self._mode, self._opening)
             if _narrow(browser.client) and np.allclose(browser.client.camera.position, wide.position, rtol=1e-4):
-                _stand(browser.client, browser.mode, self.framing)
+                _stand(browser.client, browser.mode, self._opening)
 
     def leave(self, number: int) -> None:
         """A page has been closed."""
@@ -142,6 +152,12 @@ class Browsers:
 def _stand(client: viser.ClientHandle, mode: CameraMode, framing: Framing) -> None:
     view = camera(mode, framing, narrow=_narrow(client))
     client.camera.position, client.camera.look_at = view.position, view.look_at
+
+
+def _stands(client: viser.ClientHandle, mode: CameraMode, framing: Framing) -> bool:
+    """Whether a camera is where `_stand` took it, or where the page began: nobody has moved it."""
+    places = (camera(mode, framing, narrow=narrow).position for narrow in {_narrow(client), False})
+    return any(np.allclose(client.camera.position, place, rtol=1e-3) for place in places)
 
 
 def _narrow(client: viser.ClientHandle) -> bool:

@@ -56,7 +56,7 @@ class Controller:
         self.stale = True  # whether the picture is to be drawn though nothing moves
         self.scene = Scene(server.scene, drone)
         gui = controls.gui
-        with (folder := gui.add_folder("Picture")):
+        with (folder := gui.add_folder("Picture", expand_by_default=False)):
             self._trail = gui.add_dropdown("Paths", tuple(trails))
             self.extra_path_boxes = {
                 name: gui.add_checkbox(label, SHOWN[name], hint=hint, visible=False)
@@ -143,10 +143,11 @@ class Controller:
         self.scene.extra_paths.choose({name: bool(box.value) for name, box in self.extra_path_boxes.items()})
         return span
 
-    def draw_trails(self, now: float, t: float, show: Callable[[float, float], None]) -> None:
-        """Show the paths as they are at the instant `t`, when that is due."""
+    def draw_trails(self, now: float, sample: Sample, show: Callable[[float, float], None]) -> None:
+        """Show the paths as they are at `sample`, when that is due."""
         if self.is_due("trails", now):
-            show(*self._trails.get(self._trail.value, TrailSpan(None)).around(t))
+            span = self._trails.get(self._trail.value, TrailSpan(None))
+            show(*span.around(sample.t, sample.t - sample.since_anchor_s))
 
     def draw_charts(self, now: float, draw: Callable[[], None]) -> None:
         """Draw the charts when that is due; those of a page that has just been opened are laid out again before."""

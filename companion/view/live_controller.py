@@ -95,7 +95,7 @@ class LiveController(Controller):
         if self.is_due("panel", now):
             self._report(sample)
         if sample is not None:
-            self.draw_trails(now, sample.t, self._live_trails.show)
+            self.draw_trails(now, sample, self._live_trails.show)
         self.draw_charts(now, self._chart)
 
     def hold(self, at: float | None) -> None:

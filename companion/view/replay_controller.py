@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import viser
 
+from companion.analysis import Finding
 from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
@@ -22,16 +23,17 @@ from companion.view.charts.chart_pages import ChartPages
 from companion.view.controller import Controller
 from companion.view.export import PAGE, PICTURE, REPORT, Saver
 from companion.view.ground_map import MapLayer
-from companion.view.panels.bands import bands, outside
 from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
+from companion.view.panels.strip import bands, outside
 from companion.view.panels.timeline import Timeline
 from companion.view.panels.verdict import FindingsTab, drift_tab
-from companion.view.scene.cameras import frame_of, picked
+from companion.view.scene.cameras import frame_between, frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
 from companion.view.state.marks import text_marks
+from companion.view.state.moments import AFTER_S, PLAYED_S, Moment, decisive, errors_in, moment_of, shown_curve
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
 from companion.view.state.sending import update
@@ -42,7 +44,9 @@ PATIENCE_S = 1.0  # of work before it is spoken of
 OPENING, UNSEEN = 1.5, 2.0
 """s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
 being built needs the machine for itself."""
+_ROUNDED_S = 0.02  # by which the instant that a page remembers may differ
 TRAILS = {
+    "Since the anchor": TrailSpan(None, anchored=True),
     "Last 60 s": TrailSpan(60.0),
     "Last 10 s": TrailSpan(10.0),
     "Path so far": TrailSpan(None),
@@ -74,33 +78,28 @@ class ReplayController(Controller):
         self.player = player = Player(display.start, display.end)
         self._trouble = False
         self._visited = False  # whether an address has requested an instant or an IMU
+        self._opening = self._moment = decisive(display)  # where the page opens; what is pointed at
+        self._opened_s = player.time
         controls, gui = Controls(server.gui, post), server.gui
         # A phone shows the panels one below the other, in this order.
         self._panel = Panel(controls, flights, self.pick_flight)
-        bottom, side, more = (gui.add_panel() for _ in range(3))
-        with side.add_tab("Findings", viser.Icon.LIST_DETAILS):
-            self._findings = FindingsTab(controls, lambda finding: player.go(finding.start_s))
-        with side.add_tab("Charts", viser.Icon.CHART_LINE):
-            self.charts = self._charts = ChartPages(controls)
-        with side.add_tab("Drift", viser.Icon.TABLE):
-            self._drift = gui.add_html("")
-        with more.add_tab("Adjust", viser.Icon.ADJUSTMENTS):
-            self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
-            super().__init__(
-                server,
-                controls,
-                drone_for(flight.vehicle.type),
-                frame_of(display),
-                TRAILS,
-                expects=True,
-                map_host=urlsplit(offer.map_url or "").hostname or "",
-                rates={"labels": 8.0, "charts": 4.0, "progress": 2.0},
-            )
-            playing = gui.add_folder("Playing")
-            self._add_save(controls)
+        bottom, side = gui.add_panel(), gui.add_panel()
+        self._add_tabs(controls, side)
+        self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
+        super().__init__(
+            server,
+            controls,
+            drone_for(flight.vehicle.type),
+            frame_of(display),
+            TRAILS,
+            expects=True,
+            map_host=urlsplit(offer.map_url or "").hostname or "",
+            rates={"labels": 8.0, "charts": 4.0, "progress": 2.0},
+        )
+        playing = gui.add_folder("Playing", expand_by_default=False)
+        self._add_save(controls)
         self._timeline = Timeline(controls, bottom, playing, player, self.choose_camera)
         dock(gui, side)
-        more.dock_below(gui.main_panel)
         bottom.expand()
 
         @server.scene.on_click()  # type: ignore[arg-type]  # an async one runs in order: viser does not declare it
@@ -108,6 +107,7 @@ class ReplayController(Controller):
             post(partial(self._pick_place, click.client_id, click.ray_origin, click.ray_direction))
 
         self._load()
+        self._open()
         self._map = MapLayer(offer.map_url, self.scene.ground.show_map, self._report_map, self._complain)
         controls.on_change(self.map_box, lambda shown: self._show_map(shown is True))
         if offer.map_shown:
@@ -144,11 +144,13 @@ class ReplayController(Controller):
 
     def visit(self, t: str, imu: str, *, again: bool) -> None:
         """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
-        if again and (self._visited or len(self.browsers) > 1 or self.player.time > self.player.start):
+        if again and (self._visited or len(self.browsers) > 1 or not self._untouched):
             return
-        self._visited = True
         with contextlib.suppress(ValueError):
+            if again and abs(float(t) - self._opened_s) < _ROUNDED_S:
+                return  # where the page opened by itself: it may go on to what the analysis finds
             self.player.go(float(t))
+        self._visited = True
         if imu in self._flight.imus and imu != self._requested.imu:
             others = tuple(name for name in self._requested.others if name != imu)
             self._compute(self._flight, replace(self._requested, imu=imu, others=others))
@@ -167,6 +169,14 @@ class ReplayController(Controller):
     def _report_map(self, shown: bool) -> None:
         if self.map_box.value != shown:
             write(self.map_box, shown)
+
+    def _add_tabs(self, controls: Controls, side: viser.PanelHandle) -> None:
+        with side.add_tab("Findings"):
+            self._findings = FindingsTab(controls, self._show_finding)
+        with side.add_tab("Charts"):
+            self.charts = self._charts = ChartPages(controls)
+        with side.add_tab("Drift"):
+            self._drift = controls.gui.add_html("")
 
     def _add_save(self, controls: Controls) -> None:
         gui, file = controls.gui, viser.Icon.FILE_EXPORT
@@ -211,9 +221,13 @@ class ReplayController(Controller):
         other_flight = flight is not self._flight
         self._flight, self._choice, self._display = flight, choice, computed
         self.player.load(computed.start, computed.end, None if other_flight else self.player.time)
+        if other_flight:
+            self._opening = self._moment = decisive(computed)
+            self._visited = False
         self._load()
         self._examine()
         if other_flight:
+            self._open()
             self.browsers.reframe()
             self._show_map(self._map.shown)
 
@@ -228,12 +242,49 @@ class ReplayController(Controller):
         self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
 
     def _take_result(self, result: AnalysisResult | CompanionError) -> None:
-        """The analysis has come: findings, tables, what is expected. The picture stays as it is."""
+        """The analysis has come: findings, tables, what is expected. The page opens at what they say, if untouched."""
         if isinstance(result, CompanionError):
             self._wait(str(result))
             return
+        untouched = self._untouched
         self._display = with_result(self._display, result)
+        self._opening = decisive(self._display)
+        if untouched or self._moment is None:
+            self._moment = self._opening
+        self._place()
         self._say()
+        if untouched:
+            self._open()
+
+    @property
+    def _untouched(self) -> bool:
+        """Whether nobody has moved the clock since the page opened."""
+        return not self._visited and not self.player.playing and self.player.time == self._opened_s
+
+    def _open(self) -> None:
+        """Go where the page opens."""
+        if (moment := self._opening) is not None:
+            opens = moment.opens_at(self._display.replay.anchors)
+            self.player.seek(opens)
+            self._point(moment, opens)
+        self._opened_s = self.player.time
+
+    def _show_finding(self, browser: int, finding: Finding) -> None:
+        """Go to the strongest moment of a finding that was pressed, and look at it more closely."""
+        moment = moment_of(finding, self._display)
+        anchors = self._display.replay.anchors
+        before = anchors[anchors < moment.strongest_s]
+        start = max(float(before[-1]) if len(before) else self._display.start, moment.strongest_s - PLAYED_S)
+        self.player.go(moment.strongest_s)
+        self._point(moment, moment.strongest_s + AFTER_S - PLAYED_S)
+        self.browsers.look(
+            frame_between(self._display, self.browsers.framing, start, moment.strongest_s + AFTER_S), browser
+        )
+
+    def _point(self, moment: Moment, played_s: float) -> None:
+        """Show the error in which a moment shows, and offer to play it from an instant on."""
+        self._moment, self._played = moment, (played_s, played_s + PLAYED_S)
+        self._timeline.point(moment, shown_curve(self._display, moment.error), self._played)
 
     def _progress(self) -> str:
         """What goes on, in words, when it takes long."""
@@ -249,11 +300,17 @@ class ReplayController(Controller):
     def _load(self) -> None:
         """Lay out everything that stays the same until the next dead reckoning."""
         self.drone = drone_for(self._flight.vehicle.type)
-        self.browsers.place(frame_of(self._display))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
-        self.scene.load(self._display, self.browsers.framing, self.drone, self._colours, self._home)
+        self._place()
         self._wait("Analysis in progress.")
         self._say()
+
+    def _place(self) -> None:
+        """Lay out the picture, and where cameras stand in it."""
+        whole, moment = frame_of(self._display), self._opening
+        begin = None if moment is None else (moment.opens_s, moment.opens_s + PLAYED_S)
+        self.browsers.place(whole, None if begin is None else frame_between(self._display, whole, *begin))
+        self.scene.load(self._display, whole, self.drone, self._colours, self._home)
 
     def _wait(self, why: str) -> None:
         self._findings.wait(why)
@@ -270,16 +327,18 @@ class ReplayController(Controller):
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
         self._part = (self.player.start, self.player.end)
         self._charts.load(display, self._flight, self._colours, self._part)
-        self._panel.load(self._flight, display)
+        below = bands(self._flight, display)
+        self._panel.load(self._flight, display, below)
         self._legend()
         self._adjustments.load(self._flight, self._requested, display.start)
-        below = bands(self._flight, display)
         self.player.stops = {
             "anchor": display.replay.anchors,
             "event": np.array([mark.t for mark in marks]),
             "sample": display.replay.t,
         }
-        self._timeline.load(marks, display.replay.anchors.tolist(), below)
+        error = errors_in(display)[-1] if self._moment is None else self._moment.error
+        curve, colour = shown_curve(display, error), self._colours.get(display.source, palette.IMU)
+        self._timeline.load(marks, display.replay.anchors.tolist(), below, curve, colour)
         self._findings.load(result, outside(below.findings, display.start, display.end))
         self._drift.content = drift_tab(result, self._colours)
         self.is_due.at_once()
@@ -305,5 +364,5 @@ class ReplayController(Controller):
                 self._legend()
             self._panel.show(sample, self._display, self.scene.ground.cell)
             self._timeline.show()
-        self.draw_trails(now, sample.t, self.scene.trails)
+        self.draw_trails(now, sample, self.scene.trails)
         self.draw_charts(now, lambda: self._charts.show(sample))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ def test_two_flights_side_by_side(capsys: Captured, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["compare", DEMO, HOVER]) == 0
     out = capsys.readouterr().out
+    assert re.match(r"(B is (worse|better): |No significant change)", out), "the answer comes first"
     table = out.split("Drift: median")[1].split("Expected drift")[0]
     rows = [line.split() for line in table.splitlines() if line.strip().startswith(("1 s", "5 s"))]
     assert rows[0][2:4] == ["101", "99"]

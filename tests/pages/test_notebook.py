@@ -18,6 +18,7 @@ import pytest
 import companion as c
 from companion.model import Flight
 from companion.pages import replay as replay_page
+from companion.present import headline
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from tests.processes import ended, started
 from tests.recordings import BUNDLED
@@ -103,7 +104,7 @@ def test_an_examination_is_shown_as_it_was_examined(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(replay_page, "examine", again)
     with c.show(examined) as page:
-        told(page.url, "SCALED_IMU2 alone", examined.assessment.verdict.status.upper())
+        told(page.url, "SCALED_IMU2 alone", headline(examined.assessment.verdict).sentence)
     with pytest.raises(c.SettingsError, match="as it was examined"):
         c.show(examined, imu="RAW_IMU")
     with pytest.raises(c.SettingsError, match="as it was examined"):

@@ -129,7 +129,7 @@ def open_page(page: Page, url: str, *, charts: bool = True) -> Page:
         expect(page.locator("[data-past], #companion-ended")).to_have_count(0)
     else:
         page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
-    page.wait_for_selector("canvas")
+    page.wait_for_selector("canvas[data-engine]")
     expect(page.get_by_text("companion", exact=True)).to_be_visible()  # the panel
     if charts:
         page.get_by_role("tab", name="Charts", exact=True).click()
@@ -172,6 +172,12 @@ def keep(page: Page, name: str) -> None:
 def near(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], colour: tuple[int, int, int]) -> int:
     """How many pixels have about this colour."""
     return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 40).sum())
+
+
+def unfold(page: Page, *folders: str) -> None:
+    """Open folders of the panel."""
+    for name in folders:
+        page.get_by_text(name, exact=True).click()
 
 
 def choose(page: Page, label: str, option: str) -> None:

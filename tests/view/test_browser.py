@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
-from companion.analysis import Finding, Replay, Verdict
+from companion.analysis import Cause, Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
 from companion.view import (
     AnalysisResult,
@@ -29,7 +29,8 @@ from companion.view import (
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
-from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
+from companion.view.state.moments import moment_of
+from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, unfold, until
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight, recompute
 from tests.waiting import LIMIT_S
 
@@ -51,6 +52,12 @@ def cursor(page: Page) -> float:
         return chart.data[0][line.indexOf(2)];
     }"""
     return float(page.evaluate(script))
+
+
+def begin(viewer: Viewer) -> None:
+    """Go to the start: the page opens where the flight differs most."""
+    viewer.post(partial(viewer.player.go, BOOT))
+    until(lambda: viewer.player.time == BOOT, "the start")
 
 
 def hear_all(page: Page, viewer: Viewer, t: float) -> None:
@@ -82,6 +89,7 @@ def test_play(wide_page: Page, flight: Flight) -> None:
         assert np.linalg.norm(viewer.controller.scene.imu.position - before[1]) > 1.0
         assert np.abs(viewer.controller.scene.imu.wxyz - before[2]).max() > 0.01
         until(lambda: abs(cursor(page) - before[3] - (viewer.player.time - before[0])) < 0.1, "the charts' cursor")
+        unfold(page, "Picture")
         choose(page, "Paths", "Whole path")
 
         def both_drawn() -> bool:
@@ -133,9 +141,10 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.keyboard.press("b")
         until(lambda: not viewer.player.is_part, "the whole again")
         page.keyboard.press("Home")
-        page.get_by_role("button", name="+10", exact=True).click()
+        page.get_by_role("button", name="Forward 10 s", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
         flown = dead_reckon(flight, ReplayChoice())
+        page.keyboard.press("f")  # all of it in the picture
 
         def clicked() -> bool:
             """The picture may be drawn anew under the pointer: a click that nothing hears is made again."""
@@ -163,6 +172,8 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
 
     with Viewer([flight], listen, examine) as viewer:  # loaded anew: of the last server the page keeps what was typed
         visit(page, viewer)
+        unfold(page, "Dead reckoning", "Picture")
+        begin(viewer)
         choose(page, "Integrator", "Euler (simplest)")
         until(lambda: requested[-1].how.method == "euler", "the integrator")
         expect(page.get_by_text(re.compile(r"Recomputing for \d+ s"))).to_be_visible()
@@ -172,7 +183,7 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         until(lambda: requested[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Interpolation", "Linear")
         until(lambda: requested[-1].how.middle == "linear", "the middle sample")
-        page.get_by_role("button", name="+10", exact=True).click()
+        page.get_by_role("button", name="Forward 10 s", exact=True).click()
         page.get_by_role("button", name="Start from the instant shown").click()
         until(lambda: requested[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
@@ -189,8 +200,8 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         until(lambda: requested[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
         page.get_by_role("checkbox", name="Re-anchor").click()
         until(lambda: requested[-1].reanchor_s is None, "free running")
-        page.get_by_role("button", name="+10", exact=True).click()
-        expect(page.get_by_role("cell", name="10.0 s", exact=True)).to_be_visible()
+        page.get_by_role("button", name="Forward 10 s", exact=True).click()
+        expect(page.get_by_role("cell", name="10.0 s since the anchor", exact=True)).to_be_visible()
         choose(page, "Camera", "Follow")
         choose(page, "Drones", "Smaller")
         keep(page, "free-running-follow")
@@ -222,8 +233,11 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
 
     with Viewer([speaking], recompute, find, port=next_port(page)) as viewer:
         visit(page, viewer)
-        expect(page.get_by_text("1 <img src=x onerror=").first).to_be_visible()  # as text
-        page.get_by_role("button", name="event ›").click()
+        page.get_by_role("tab", name="Findings", exact=True).click()
+        expect(page.get_by_text("seen <img src=x onerror=").first).to_be_visible()  # as text
+        begin(viewer)
+        unfold(page, "Playing")
+        page.get_by_role("button", name="Next event").click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "the first thing it said")
         page.get_by_role("combobox", name="Go to", exact=True).click()
         page.get_by_role("option", name="4: 145.0 s, frozen").click()
@@ -286,6 +300,8 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
 def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: Flight) -> None:
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer, new_page(browser) as other:
         pages = [visit(each, viewer) for each in (other, page)]
+        for each in pages:
+            unfold(each, "Picture")
         choose(pages[0], "Camera", "Chase")
         viewer.post(partial(viewer.player.seek, BOOT + 20.0))
         expect(pages[0].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Chase")
@@ -313,6 +329,7 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
     with Viewer([flight], with_a_gap, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         viewer.post(partial(viewer.player.seek, BOOT + 33.0))
+        unfold(page, "Picture")
         page.get_by_role("checkbox", name="Arrows").click()
         expect(page.get_by_text("autopilot silent here")).to_be_visible()
         viewer.post(partial(viewer.player.seek, BOOT + 28.0))
@@ -351,13 +368,16 @@ def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, fl
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         port = viewer.port
         visit(page, viewer)
-        page.get_by_role("button", name="+10", exact=True).click()
+        begin(viewer)
+        page.get_by_role("button", name="Forward 10 s", exact=True).click()
         until(lambda: page.evaluate("localStorage['companion-views'] ?? ''").count('"110'), "the view is remembered")
     with Viewer([flight], recompute, examine, port=port) as viewer:
         assert viewer.port == port
         until(lambda: viewer.browsers == 1, "the page comes back")
-        page.get_by_role("button", name="+10", exact=True).click()
+        begin(viewer)
+        page.get_by_role("button", name="Forward 10 s", exact=True).click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
+        unfold(page, "Picture")
         choose(page, "Camera", "Chase")  # a list of the new session
         keep(page, "reconnected")
 
@@ -370,3 +390,33 @@ def test_a_page_with_a_token_is_opened_and_opened_again(wide_page: Page, flight:
         wide_page.reload()
         expect(wide_page.get_by_role("button", name="Play", exact=True)).to_be_visible()
         assert viewer.browsers == 1
+
+
+def test_it_opens_before_the_fault_plays_it_and_a_finding_leads_to_its_worst(page: Page, flight: Flight) -> None:
+    """The error grows from each anchor, every 10 s: the worst of the fault is not where it begins."""
+
+    def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
+        result = examine(flight, choice, display)
+        cause = Cause("gyro_bias", "imu", BOOT + 33.0, BOOT + 44.0, 0.1, "gyro", "z", side_probability=0.98)
+        found = Finding("gyro_bias", "imu", "error", BOOT + 33.0, BOOT + 44.0, "it is off", "warm it up", cause=cause)
+        verdict = Verdict("imu_suspect", "Suspect the IMU: it is off.", (found,), cause)
+        return replace(result, assessment=replace(result.assessment, verdict=verdict))
+
+    with Viewer([flight], recompute, find, port=next_port(page)) as viewer:
+        visit(page, viewer)
+        expect(page.get_by_text("Gyro z wrong, 133-144 s")).to_be_visible()
+        expect(page.get_by_text("probability 98 %")).to_be_visible()
+        until(lambda: viewer.player.time == BOOT + 30.0, "three seconds before the onset")
+        page.get_by_role("button", name="Play these 10 s").click()
+        until(lambda: viewer.player.playing, "it plays")
+        viewer.post(partial(setattr, viewer.player, "speed", 20.0))
+        until(lambda: not viewer.player.playing, "it pauses")
+        assert viewer.player.time == pytest.approx(BOOT + 40.0)
+        page.get_by_role("tab", name="Findings", exact=True).click()
+        expect(page.get_by_text("What to do: warm it up")).to_be_visible()
+        page.get_by_role("button", name="Fault: gyro bias").click()
+        (found,) = viewer.controller._display.result.assessment.verdict.findings  # type: ignore[union-attr]
+        strongest = moment_of(found, viewer.controller._display).strongest_s
+        until(lambda: viewer.player.time == pytest.approx(strongest), "its strongest moment")
+        expect(page.get_by_text("Attitude error since the anchor, °")).to_be_visible()
+        keep(page, "finding")

@@ -76,7 +76,7 @@ class Chart:
         self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
         self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
         self._styles: list[Style] = [("", palette.CURSOR, 1.0, None, 0.0)]
-        self._part = (0.0, 1.0)
+        self._part, self._still = (0.0, 1.0), True
         self.handle = gui.add_uplot(
             self._drawn.at(0.0),
             self._series(),
@@ -117,13 +117,14 @@ class Chart:
 
         Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
         """
-        if self._drawing is None or now == self._at:
+        if self._drawing is None or (now == self._at and still == self._still):
             return
+        self._still = still
         self._passed += 1
         if still or self._passed >= PATIENCE or not abs(now - self._at) < (self._part[1] - self._part[0]) / SHARPNESS:
             self._at, self._passed = now, 0
             self.handle.data = self._drawn.at(now)
-        values = "".join(_key(line, now) for line in self._drawing.lines if line.in_title)
+        values = "".join(_key(line, now if still else None) for line in self._drawing.lines if line.in_title)
         self._heading.content = self._legend + heading(self._drawing.title, values)
 
     def relayout(self) -> None:
@@ -200,14 +201,15 @@ def _axes(unit: str) -> tuple[uplot.Axis, ...]:
     return (uplot.Axis(size=30, space=40), uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0))
 
 
-def _key(line: Line, now: float) -> str:
-    value = float(np.interp(now, line.t, line.values)) if len(line.values) else 0.0
+def _key(line: Line, now: float | None) -> str:
+    """None: it moves, and the panel's numbers, which come more often, are the only ones."""
+    value = "" if now is None else f"{float(np.interp(now, line.t, line.values)) if len(line.values) else 0.0:.2f}"
     border = f"2px {_BORDERS.get(line.dash or (), 'solid')} {palette.css(line.colour)}"
     return (
         f'<span style="font-weight:600;margin-left:0.6em;white-space:nowrap"><span style="display:inline-block;'
         f'width:18px;border-top:{border};vertical-align:middle;margin-right:0.3em"></span>'
         # As wide with a sign and two digits as without: a row that wraps for a moment would move all charts below it.
-        f'{escape(line.name)} <span style="display:inline-block;min-width:6ch;text-align:right">{value:.2f}</span>'
+        f'{escape(line.name)} <span style="display:inline-block;min-width:6ch;text-align:right">{value}</span>'
         "</span>"
     )
 

@@ -25,9 +25,7 @@ def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> 
     if display.result is None or display.trailing is None or not len(display.trailing.t):
         return []
     name, horizon = display.source, display.result.horizon_s
-    rows = zip(display.result.assessment.drift.rows, display.result.assessment.expected, strict=True)
-    expected = next((e for row, e in rows if row.horizon_s == horizon), None)
-    envelope = None
+    envelope, expected = None, display.result.allowed
     if expected is not None:
         figures = (expected.attitude_deg, expected.velocity_mps or 0.0, expected.position_m or 0.0)
         ends = display.trailing.t[[0, -1]]

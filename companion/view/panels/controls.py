@@ -15,10 +15,16 @@ from companion.present import palette
 from companion.view.state.choice import CameraMode
 
 Key = Literal[
-    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
+    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end",
+    "A", "B", "F", "I", "J", "L", "M", "O", "P", "V",
 ] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 """Keys that viser knows, of those that are used."""
-CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
+CAMERAS: dict[str, tuple[Key, CameraMode]] = {
+    "Fit all": ("F", "Free"),
+    "Follow both": ("V", "Follow"),
+    "Map": ("M", "Map"),
+}
+PHONE = "(max-width:36em)"
 SIDE = 330  # width of either panel, pixels
 NARROW = 284  # where the window is narrower than 75em and wider than a phone's: the picture keeps two fifths of it
 NARROW_WINDOW = "@media (min-width:36.01em) and (max-width:75em)"
@@ -32,14 +38,25 @@ _STYLE = (
     f'div[style*="inset: 0px {SIDE + _EDGE}px 0px"]{{right:{NARROW + _EDGE}px!important}}'
     f'div[style*="inset: 0px 0px 0px {SIDE + _EDGE}px"]{{left:{NARROW + _EDGE}px!important}}'
     "table{font-size:0.72em!important}}"
+    # The grips of panels and what folds them: the layout is this one. On a phone the heads of the sections stay.
+    f'@media not all and {PHONE}{{div:is([style*="height: 1em; cursor: grab"],[style*="height: 0.9em; cursor: grab"])'
+    "{display:none!important}}"
+    # There the picture comes first, under the verdict; then time and findings, then the numbers and what can be set.
+    f"@media {PHONE}{{div:has(>div>.mantine-Tabs-root){{display:flex;flex-direction:column}}"
+    "div:has(>div>.mantine-Tabs-root)>div:has(>.mantine-Tabs-root){order:-1}}"
     # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
     ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
     ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'
     '[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] *{color:#d5dce4}'
     f':root[data-mantine-color-scheme="light"]{{--companion-trouble:{palette.css(palette.TROUBLE)}}}'
     f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
-    # viser's remark on a machine without a graphics card must not lie on the verdict.
-    '[class*="mantine-Notifications-root"]{top:110px!important}'
+    # viser's remark on a machine without a graphics card: small, in a corner, and gone by itself.
+    '[class*="mantine-Notifications-root"]{top:auto!important;bottom:220px!important;'
+    "--notifications-container-width:13em!important}"
+    '[class*="mantine-Notification-root"]{animation:companion-leave 0s 6s forwards;padding:4px 8px!important}'
+    '[class*="mantine-Notification-root"] [class*="description"]{display:none}'
+    '[class*="mantine-Notification-title"]{font-size:11px!important}'
+    "@keyframes companion-leave{to{display:none;visibility:hidden}}"
     '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
     '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
     "@media (max-width:75em){.companion-words{display:none}}"  # of the timeline: they would lie on each other
@@ -123,7 +140,7 @@ class Controls:
         @row.on_click
         async def _(click: viser.GuiEvent[Any]) -> None:
             if click.client_id is not None and row.value in CAMERAS:
-                self._post(partial(choose, click.client_id, CAMERAS[row.value]))
+                self._post(partial(choose, click.client_id, CAMERAS[row.value][1]))
 
     def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
         """Keys go through the command palette, which lists them under Ctrl-K."""
@@ -131,6 +148,14 @@ class Controls:
         @self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
         async def _(_: object) -> None:
             self._post(do)
+
+    def command_in(self, name: str, key: Key, do: Callable[[int], object]) -> None:
+        """The same, with the number of the browser."""
+
+        @self.gui.add_command(name, hotkey=key).on_trigger
+        async def _(event: viser.CommandEvent) -> None:
+            if event.client_id is not None:
+                self._post(partial(do, event.client_id))
 
 
 def write(handle: Any, value: object) -> None:

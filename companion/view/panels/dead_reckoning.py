@@ -66,7 +66,7 @@ class DeadReckoningControls:
         if offer.correction_file is not None:
             self._corrections[f"Corrected by {offer.correction_file}"] = "file"
         self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
-        with gui.add_folder("Dead reckoning"):
+        with gui.add_folder("Dead reckoning", expand_by_default=False):
             self._imu = gui.add_dropdown("IMU", ("none",))
             self._beside = gui.add_html(BESIDE, visible=False)
             self._others = [

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from companion.analysis import DriftRow, LiveVerdict, Statistic
-from companion.present import palette, words
+from companion.present import capitalised, clause, palette, words
 from companion.view.panels.markup import (
     badge,
     banner,
@@ -30,9 +30,11 @@ _ALARMS = ("imu_suspect", "autopilot_suspect")
 def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if now.status and (now.is_stale or not state.problem):
-        return banner(now.status, _with_age(now), stale=_is_dimmed(now))
+        silent = f" The link: {state.problem}." if state.problem else ""
+        text = f"{capitalised(clause(_with_age(now)))}{silent}"
+        return banner(now.status, capitalised(words(now.status)), text, stale=_is_dimmed(now))
     if state.problem:
-        return waiting(f"NO VERDICT – {state.problem}")
+        return waiting(f"No verdict: {state.problem}")
     return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
 
 

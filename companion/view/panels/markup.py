@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from companion.present import Rgb, clause, palette, words
-from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE
+from companion.present import Rgb, palette
+from companion.view.panels.controls import NARROW, NARROW_WINDOW, PHONE, SIDE
 
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
@@ -16,25 +17,29 @@ COLOURS: dict[str, Rgb] = {
     "starting": palette.CONTROLS,  # this and the next: of a live verdict
     "lost": palette.BAD,
 }
-_STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
+_STYLE = (  # over the picture, between the panels; on a phone over all of its width
     f"<style>.companion-banner{{position:fixed;z-index:4;top:8px;left:{SIDE + 16}px;right:{SIDE + 16}px}}"
     ".companion-banner{padding:8px 14px;border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;"
     "pointer-events:none;"
     "box-shadow:0 1px 4px rgba(0,0,0,.3)}"
     ".companion-banner span{text-wrap:balance;display:-webkit-box;-webkit-box-orient:vertical;"
     "-webkit-line-clamp:3;overflow:hidden}"
+    ".companion-banner em{font-size:14px;font-weight:400;font-style:normal;opacity:.95;margin-left:.6em}"
+    ".companion-banner small{display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:2;overflow:hidden;"
+    "font-size:12.5px;font-weight:400;line-height:1.35;margin-top:2px}"
     "@media (max-width:1150px){.companion-banner{font-size:16px}}"
     f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
-    "@media (max-width:36em){.companion-banner{position:static;margin:0 0 6px;border-radius:0;font-size:16px}"
-    ".companion-banner span{-webkit-line-clamp:5}}</style>"
+    f"@media {PHONE}{{.companion-banner{{top:0;left:0;right:0;border-radius:0;padding:6px 10px;font-size:16px}}"
+    ".companion-banner em{font-size:12px}.companion-banner small{font-size:11px}}</style>"
 )
 
 
-def banner(status: str, sentence: str, *, stale: bool = False) -> str:
-    """The verdict as HTML. status: of `Verdict`; sentence: untrusted text. stale: it is of old data, and is dimmed."""
-    return _banner(
-        f"{palette.SIGNS.get(status, '')} {words(status).upper()} – {clause(sentence)}", colour_of(status, stale=stale)
-    )
+def banner(status: str, head: str, detail: str = "", beside: str = "", *, stale: bool = False) -> str:
+    """The verdict as HTML: a sentence, beside it how sure it is, below it what it rests on. All untrusted text.
+
+    status: of `Verdict`, or a live one; stale: it is of old data, and is dimmed.
+    """
+    return _banner(f"{palette.SIGNS.get(status, '')} {head}", colour_of(status, stale=stale), detail, beside)
 
 
 def colour_of(status: str, *, stale: bool = False) -> Rgb:
@@ -47,10 +52,21 @@ def waiting(sentence: str) -> str:
     return _banner(sentence, palette.CONTROLS)
 
 
-def _banner(text: str, colour: Rgb) -> str:
-    colours = f"background:{palette.css(colour)}"
-    whole = escape(text).replace(" ± ", "&nbsp;±&nbsp;")  # a line must not end between a value and its error
-    return f'{_STYLE}<div class="companion-banner" style="{colours}"><span>{whole}</span></div>'
+def _banner(head: str, colour: Rgb, detail: str = "", beside: str = "") -> str:
+    sure = f" <em>{unbroken(beside)}</em>" if beside else ""
+    more = f"<small>{unbroken(detail)}</small>" if detail else ""
+    return (
+        f'{_STYLE}<div class="companion-banner" style="background:{palette.css(colour)}">'
+        f"<span>{unbroken(head)}{sure}</span>{more}</div>"
+    )
+
+
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(%|s|m|Hz|ms|m/s²?|mrad/s|µT)\b|%)")
+
+
+def unbroken(text: str) -> str:
+    """Escaped; no line ends between a value and its error or its unit."""
+    return _BEFORE_UNIT.sub("&nbsp;", escape(text)).replace(" ± ", "&nbsp;±&nbsp;")
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:

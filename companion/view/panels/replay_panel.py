@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from companion.model import Flight
-from companion.present import Rgb, palette, vehicle_words
+from companion.present import Rgb, headline, palette, vehicle_words
+from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.markup import banner, block, lines, row, swatch, table, waiting, wrapped
+from companion.view.panels.markup import banner, block, lines, row, swatch, table, title, waiting, wrapped
+from companion.view.panels.strip import Bands
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
@@ -23,7 +26,7 @@ class Panel:
     def __init__(self, controls: Controls, flights: Sequence[Flight], pick: Callable[[int], object]) -> None:
         """pick: called with the place in the list of the flight that is chosen."""
         gui = controls.gui
-        self._flight = flights[0]
+        self._flight, self._lasting = flights[0], Bands()
         self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
         self._banner = gui.add_html("")
         self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
@@ -32,13 +35,14 @@ class Panel:
         self._legend = gui.add_html("")
         controls.on_change(self._pick, lambda name: pick(int(name.split(":")[0]) - 1))
 
-    def load(self, flight: Flight, display: DisplayTrajectory) -> None:
+    def load(self, flight: Flight, display: DisplayTrajectory, lasting: Bands) -> None:
         """Fit it to what is shown now. Values set here come back as no change."""
-        self._flight = flight
+        self._flight, self._lasting = flight, lasting
         self.choose_flight(flight)
         if display.result is not None:
             verdict = display.result.assessment.verdict
-            self._banner.content = banner(verdict.status, verdict.summary)
+            head = headline(verdict)
+            self._banner.content = banner(verdict.status, head.sentence, head.detail, head.probability)
 
     def introduce(
         self, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]
@@ -56,7 +60,14 @@ class Panel:
 
     def show(self, sample: Sample, display: DisplayTrajectory, cell: float) -> None:
         """Write the instant, and the side of the grid's squares (m), into the numbers."""
-        self._numbers.content = _numbers(sample, display, sample.t - self._flight.start, cell)
+        has_position = display.replay.has_position
+        self._numbers.content = (
+            errors_table(sample, display)
+            + horizon_table(sample, display)
+            + title("The flight at this instant")
+            + flight_data(sample, self._flight, self._lasting, has_position=has_position)
+            + (block(f"A square of the grid is {cell:g} m wide.", _PALE) if has_position else "")
+        )
 
     def status(self, text: str, *, trouble: bool = False) -> None:
         """Report progress, or why something failed. `text` may hold anything."""
@@ -89,6 +100,10 @@ def _legend(
     ]
     if display.replay.has_position:
         rows.append(f"{swatch(palette.DIFFERENCE, 1.0, line)}The distance between them")
+        colours_of = "".join(
+            swatch(colour, 1.0, "width:0.7em;height:0.35em;margin-right:0") for _, colour in palette.SIGMAS
+        )
+        rows.append(f"{colours_of} The autopilot's track: error below 1σ, 2σ, above 3σ of what is allowed")
     else:
         rows.append("This log has no position: only the attitudes are compared.")
     rows += [f"{mark}{EXTRA_PATHS[name][0]}" for name, mark in _EXTRA_PATHS.items() if name in extra_paths]
@@ -111,35 +126,72 @@ _EXTRA_PATHS: dict[ExtraPath, str] = {
 }
 
 
-def _times_expected(sample: Sample, display: DisplayTrajectory) -> tuple[str, str, str] | None:
-    """Each error divided by what is expected of it; None where nothing is expected, or not yet."""
-    if display.expected is None:
-        return None
-    attitude, velocity, position = display.expected.at(sample.t)
-    if attitude <= 0:
-        return None
-    first = f"{np.hypot(sample.tilt_deg, sample.heading_deg) / attitude:.1f} attitude"
-    if not display.replay.has_position or velocity <= 0 or position <= 0:
-        return "÷ expected", first, ""
-    rest = f"{sample.velocity_mps / velocity:.1f} velocity, {sample.position_m / position:.1f} position"
-    return "÷ expected", first, rest
-
-
-def _numbers(sample: Sample, display: DisplayTrajectory, since_start: float, cell: float) -> str:
-    has_position = display.replay.has_position
+def errors_table(sample: Sample, display: DisplayTrajectory) -> str:
+    """Each error since the anchor, what is allowed of it, and how many σ that is."""
+    allowed: tuple[float, ...] = (0.0, 0.0, 0.0)
+    if display.expected is not None:
+        allowed = display.expected.at(sample.t)
+    height = float(np.sqrt(max(sample.covariance[2, 2], 0.0)))
+    attitude = float(np.hypot(sample.tilt_deg, sample.heading_deg))
     rows = [
-        ("Since boot", f"{sample.t:.2f} s", f"{max(since_start, 0.0):.1f} s into the log"),
-        ("Since anchor", f"{sample.since_anchor_s:.1f} s", "" if sample.known else "autopilot silent here"),
-        ("Attitude error", f"{sample.tilt_deg:.2f}° tilt", f"{sample.heading_deg:+z.2f}° heading"),
+        _error("attitude", attitude, allowed[0], "°"),
+        row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), _PALE),
+        row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), _PALE),
     ]
+    if display.replay.has_position:
+        down = abs(float(sample.position_imu[2] - sample.position_ref[2]))
+        rows += [
+            _error("velocity", sample.velocity_mps, allowed[1], " m/s"),
+            _error("position", sample.position_m, allowed[2], " m"),
+            _error("· height", down, height, " m", _PALE),
+        ]
+    since = f"{sample.since_anchor_s:.1f} s since the anchor" if sample.known else "autopilot silent here"
+    return table((since, "error", "allowed 1σ", "σ"), rows)
+
+
+def _error(name: str, error: float, allowed: float, unit: str, style: str = "") -> str:
+    known = allowed > 0
+    times = f"{error / allowed:.1f}" if known else "–"
+    return row((name, f"<b>{error:.2f}{unit}</b>", f"{allowed:.2f}{unit}" if known else "–", times), style)
+
+
+def horizon_table(sample: Sample, display: DisplayTrajectory) -> str:
+    """The window of the chosen horizon that ends at the instant, beside what is allowed of such windows.
+
+    By what is known of the part before the flight, and by what the flight's own calibration leaves unknown of it.
+    """
+    after, result = display.after_horizon(sample.t), display.result
+    if after is None or result is None:
+        return ""
+    rows = []
+    for name, value, attribute, unit in (
+        ("attitude", after[0], "attitude_deg", "°"),
+        ("position", after[1], "position_m", " m"),
+    )[: 2 if display.replay.has_position else 1]:
+        prior, own = (getattr(one, attribute, None) for one in (result.allowed, result.calibrated))
+        of = (f"{one:.2f}{unit}" if one else "–" for one in (prior, own))
+        rows.append(row((name, f"<b>{value:.2f}{unit}</b>", *of)))
+    head = (f"after {result.horizon_s:g} s", "error", "allowed 1σ", "calibrated 1σ")
+    return table(head, rows)
+
+
+def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position: bool) -> str:
+    """What the vehicle did at the instant, as far as the log says it: mode, place, speed, attitude, the time."""
+    mode = next((one.label for one in reversed(lasting.modes) if one.start_s <= sample.t <= one.end_s), "")
+    armed = any(one.start_s <= sample.t <= one.end_s for one in lasting.armed)
+    roll, pitch, yaw = np.degrees(quaternion.to_euler(sample.q_ref)).round().astype(int)
+    since = max(sample.t - flight.start, 0.0)
+    rows = [("Time", f"{sample.t:.2f} s since boot, {int(since // 60)}:{since % 60:04.1f} of the log")]
+    if flight.epoch is not None:
+        rows.append(("UTC", time.strftime("%d %B %Y, %H:%M:%S", time.gmtime(flight.epoch.unix_s + sample.t))))
+    if mode or lasting.armed:
+        rows.append(("Mode", f"{escape(mode or 'unknown')}, {'armed' if armed else 'disarmed'}"))
     if has_position:
-        rows.append(("Velocity error", f"{sample.velocity_mps:.2f} m/s", f"grid squares {cell:g} m"))
-        sigma = float(np.sqrt(np.trace(sample.covariance)))
-        rows.append(("Position error", f"{sample.position_m:.2f} m", f"expected 1σ {sigma:.2f} m" if sigma else ""))
-    if (quotients := _times_expected(sample, display)) is not None:
-        rows.append(quotients)
-    if (after := display.after_horizon(sample.t)) is not None and display.result is not None:
-        attitude, position = after
-        metres = f"{position:.2f} m" if has_position else ""
-        rows.append((f"After {display.result.horizon_s:g} s", f"{attitude:.2f}°", metres))
-    return table((), (row((name, f"<b>{first}</b>", wrapped(second))) for name, first, second in rows))
+        speed, climb = float(np.hypot(*sample.velocity_ref[:2])), -float(sample.velocity_ref[2])
+        rows.append(("Altitude", f"{-float(sample.position_ref[2]):z.1f} m, {climb:+z.1f} m/s"))
+        rows.append(("Ground speed", f"{speed:.1f} m/s"))
+    rows.append(("Roll, pitch, yaw", f"{roll:+d}°, {pitch:+d}°, {yaw % 360}°"))
+    return table((), (row((name, wrapped(value))) for name, value in rows))
+
+
+_PALE = f"opacity:{palette.QUIET}"

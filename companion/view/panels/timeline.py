@@ -4,47 +4,60 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import viser
 
-from companion.view.panels.bands import HEIGHT, Bands, markup, strip
-from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE, Call, Controls, Key, write
+from companion.present import Rgb, palette
+from companion.view.panels.controls import CAMERAS, PHONE, Call, Controls, Key, write
+from companion.view.panels.strip import GUTTER, HEIGHT, Bands, legend, markup, strip
 from companion.view.state.choice import CameraMode
 from companion.view.state.marks import Mark, short
+from companion.view.state.moments import PLAYED_S, ErrorCurve, Moment
 from companion.view.state.player import Player
 from companion.view.state.sending import update
 
-WIDTH = 600  # pixels: what the panels leave of a window 1280 wide, where the browser does not know `:has`
+WIDTH = 600  # pixels, where the browser does not know `:has`
+TALL = 212  # pixels: what the panel covers of the window
 _STYLE = (
-    # As wide as the panels leave it.
-    f'<style>div[style*="width: {WIDTH}px"]:has(.companion-time){{width:calc(100vw - {2 * SIDE + 30}px)!important}}'
-    f'{NARROW_WINDOW}{{div[style*="width: {WIDTH}px"]:has(.companion-time)'
-    f"{{width:calc(100vw - {2 * NARROW + 30}px)!important;margin-left:{NARROW - SIDE}px}}}}"  # viser counts from SIDE
-    # The slider is as high as the bands that lie under it: a click anywhere on them goes there.
+    # Over the whole window, below the panels at its sides and on its ground: one axis for all that has a time.
+    f"<style>@media not all and {PHONE}{{"
+    f'div[style*="width: {WIDTH}px"]:has(.companion-time){{left:0!important;width:100vw!important;top:auto!important;'
+    f"bottom:0!important;height:{TALL}px;border-radius:0!important}}"
+    f'div[style*="top: 0px; bottom: 0px; left: 0px; width"],div[style*="top: 0px; bottom: 0px; right: 0px; width"]'
+    f"{{bottom:{TALL}px!important}}}}"
+    # The slider is as high as the strip that lies under it: a click anywhere on it goes there.
+    f'div[style*="width: {WIDTH}px"]:has(.companion-time) div[style*="flex-wrap: wrap"][style*="font-size: 0.85em"]'
+    "{display:none!important}"
     f"div:has(>.companion-time)+div .mantine-Slider-root{{height:{HEIGHT}px;padding:0!important}}"
     f"div:has(>.companion-time)+div .mantine-Slider-trackContainer{{height:{HEIGHT}px}}"
     f"div:has(>.companion-time)+div .mantine-Slider-track{{height:{HEIGHT}px}}"
+    f"div:has(>.companion-time)+div>div{{align-items:flex-start!important}}"
+    f"div:has(>.companion-time)+div>div>div:first-child{{width:{GUTTER}em!important;visibility:hidden}}"
     "div:has(>.companion-time)+div .mantine-Slider-track::before{background:none}"
     "div:has(>.companion-time)+div .mantine-Slider-bar{background:none}"
     "div:has(>.companion-time)+div :is(.mantine-Slider-mark,.mantine-Slider-markLabel){display:none}"
-    "div:has(>.companion-time)+div .mantine-Slider-thumb{height:38px!important;width:4px!important}"
-    # Play is there for the hand that looks for it, not the largest thing on the page.
-    "div:has(>.companion-play)+div{max-width:9em}"
-    "div:has(>.companion-play)+div button{height:26px}"
-    "div:has(>.companion-play){position:relative}"
-    ".companion-link{position:absolute;right:10px;top:2px;font:12px sans-serif;color:inherit;background:none;"
-    "border:1px solid rgba(130,130,130,.6);border-radius:3px;padding:2px 8px;cursor:pointer}"
+    f"div:has(>.companion-time)+div .mantine-Slider-thumb{{height:{HEIGHT}px!important;width:3px!important}}"
+    ".companion-transport{display:flex;flex-wrap:wrap;align-items:center;gap:3px;padding:0 10px 4px}"
+    ".companion-transport button{font:13px sans-serif;color:inherit;background:none;min-width:28px;height:26px;"
+    "border:1px solid rgba(130,130,130,.5);border-radius:4px;padding:0 6px;cursor:pointer;white-space:nowrap}"
+    ".companion-transport button:hover{background:rgba(130,130,130,.2)}"
+    f".companion-transport .main{{background:{palette.css(palette.CONTROLS)};color:#fff;font-weight:600}}"
+    f".companion-transport .main:hover{{background:{palette.css(palette.BRAND)}}}"
+    ".companion-transport .gap{width:10px}.companion-transport .far{margin-left:auto}"
+    ".companion-key{display:flex;justify-content:flex-end;font-size:11px;line-height:14px;padding:0 70px 1px 0;"
+    "height:15px;overflow:hidden}@media (max-width:1100px){.companion-transport .fine{display:none}}"
+    f"@media {PHONE}{{"
+    ".companion-key{padding-right:8px;justify-content:flex-start}}"
     "</style>"
 )
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
-_LINK = (  # see page_head.js
-    '<button type="button" class="companion-link" onclick="companionCopyLink(this)" '
-    'title="The address of this instant, with the IMU that is integrated">copy link</button>'
-)
 TENTHS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 NO_MARK = "choose an event"
 MOST_ANCHORS = 100  # ticks; more than that is a grey bar
 MOST_MARKS = 300  # in the list of events; a talkative vehicle sends thousands of texts
+ZOOMED = 6.0  # times as long as what is pointed at, and more than that, is a log whose strip zooms in on it
+LEAST_S = 60.0  # of a zoomed strip
 
 
 class Timeline:
@@ -61,22 +74,29 @@ class Timeline:
         """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
         gui, on = controls.gui, controls.on_change
         self._player = player
-        rows = _rows(player)
+        self._span = (player.first, player.last)  # what the strip shows
+        self._moment: Moment | None = None
+        self._played: tuple[float, float] | None = None
+        self._curve: ErrorCurve | None = None
+        self._colour = palette.IMU
+        actions = _actions(player, self.play)
         with panel.add_tab("Timeline", viser.Icon.TIMELINE):
-            gui.add_html(f'{_STYLE}{_LINK}<i class="companion-play"></i>')
-            self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
+            self._transport = gui.add_html(_STYLE)
+            self._key = gui.add_html("")
             gui.add_html('<i class="companion-time"></i>')
             self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the vehicle's boot")
             self._strip = gui.add_html("")
-            controls.cameras(choose_camera)
-            for label in ("Step, s", "Jump"):
-                controls.row(label, {button: do for button, *_, do in rows[label]}, _HINTS[label])
-        panel.float(x=10, y=-10, width=WIDTH)
+        panel.float(x=0, y=-1, width=WIDTH)
         with folder:
             speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
             backwards = gui.add_checkbox("Backwards", False)
             loop = gui.add_checkbox("Repeat", False, hint="Start again where the part ends")
-            controls.row("Part", {button: do for button, *_, do in rows["Part"]}, _HINTS["Part"])
+            controls.row(
+                "Part",
+                {"from here": partial(player.cut, "from"), "to here": partial(player.cut, "to"),
+                 "whole": partial(player.cut, "whole")},
+                "Play and plot only a part of the flight. Keys: I, O, B",
+            )  # fmt: skip
             self._event = gui.add_dropdown("Go to", (NO_MARK,))
         self._marks: list[Mark] = []
         self._anchors: Sequence[float] = ()
@@ -86,47 +106,80 @@ class Timeline:
         on(loop, partial(setattr, player, "loop"))
         on(backwards, partial(setattr, player, "backwards"))
         on(self._event, self._go_to)
-        controls.on_click(self._play, player.toggle)
-        controls.command("Play or pause", "space", player.toggle)
-        for _, name, key, shift, do in (action for row in rows.values() for action in row):
-            if key is not None:
-                controls.command(name, key, do, shift=shift)
+        for one in actions:
+            controls.command(one.name, one.key, one.do, shift=one.shift)
+        for name, (key, mode) in CAMERAS.items():
+            controls.command_in(name, key, partial(_chosen, choose_camera, mode))
         for i, key in enumerate(TENTHS, start=1):
             controls.command(f"To {i} tenths", key, partial(player.seek_share, i / 10))
 
-    def load(self, marks: Sequence[Mark], anchors: Sequence[float], bands: Bands) -> None:
-        """Fit the controls to what is shown now. Values set here come back as no change."""
+    def load(
+        self, marks: Sequence[Mark], anchors: Sequence[float], bands: Bands, curve: ErrorCurve | None, colour: Rgb
+    ) -> None:
+        """Fit the controls to what is shown now. Values set here come back as no change.
+
+        curve: the error that the strip shows, in the colour of its IMU.
+        """
         player, self._marks, self._anchors, self._bands = self._player, list(marks), anchors, bands
+        self._curve, self._colour = curve, colour
         names = (f"{i}: {mark.t:.1f} s, {short(mark.label)}" for i, mark in enumerate(self._marks[:MOST_MARKS], 1))
         self._event.options = (NO_MARK, *names)
-        low, high = round(player.first, 2), round(player.last, 2)
+        self._show_span(player.first, player.last)
+
+    def point(self, moment: Moment | None, curve: ErrorCurve | None, played: tuple[float, float] | None) -> None:
+        """Show the error in which a stretch shows, with the stretch, closer in a long log; offer to play some of it."""
+        self._moment, self._curve, self._played = moment, curve, played
+        player = self._player
+        low, high = player.first, player.last
+        if moment is not None and played is not None:
+            begin, end = min(moment.onset_s, played[0]), max(moment.end_s, played[1])
+            wide = max(LEAST_S, ZOOMED / 2 * (end - begin))
+            if wide < (high - low) / 2:
+                middle = min(max((begin + end) / 2, low + wide / 2), high - wide / 2)
+                low, high = middle - wide / 2, middle + wide / 2
+        self._show_span(low, high)
+
+    def play(self) -> None:
+        """Play what is pointed at."""
+        if self._played is not None:
+            self._player.play(*self._played)
+
+    def _show_span(self, low: float, high: float) -> None:
+        """Show another part of the time: as long as the instant is within."""
+        self._span = (low, high)
+        low, high = round(low, 2), round(high, 2)
         # The bounds move one at a time and must never cross, and the value must always lie between them.
         self._time.max = max(high, self._time.max)
         self._time.min = min(low, self._time.min)
-        write(self._time, round(player.time, 2))
+        write(self._time, round(min(max(self._player.time, low), high), 2))
         self._time.min, self._time.max = low, high
         self.choose_part()
 
     def choose_part(self) -> None:
-        """Draw the strip of marks with the part that is played."""
+        """Draw the strip with the part that is played."""
         player = self._player
-        low, high = player.first, player.last
-        shown = self._anchors if len(self._anchors) <= MOST_ANCHORS else ()
-        anchors = [Mark(t, "the IMU restarts from the autopilot's state here", "anchor") for t in shown]
-        part = (player.start, player.end) if player.is_part else None
-        # The bands lie under the slider's track, the marks below: beside it are the label and the number.
+        low, high = self._span
+        shown = [t for t in self._anchors if low <= t <= high]
+        anchors = [Mark(t, "the IMU restarts from the autopilot's state here", "anchor")
+                   for t in (shown if len(shown) <= MOST_ANCHORS else ())]  # fmt: skip
+        part = (max(player.start, low), min(player.end, high)) if player.is_part else None
+        self._key.content = f'<div class="companion-key">{legend(self._bands, self._curve, self._colour)}</div>'
+        # The strip lies under the slider's track, the marks below: beside it are the axes and the number.
         self._strip.content = (
-            f'<div style="padding:0 calc(0.75em + 52px) 0 calc(7.25em + 0.75em);margin-top:calc(-{HEIGHT}px - 0.5em)">'
-            f"{markup(self._bands, low, high)}"
+            f'<div style="padding:0 calc(0.75em + 52px) 0 calc({GUTTER}em + 0.75em);'
+            f'margin-top:calc(-{HEIGHT}px - 0.5em)">'
+            f"{markup(self._bands, low, high, self._curve, self._colour, self._moment)}"
             f"{strip([*anchors, *self._marks[:MOST_MARKS]], low, high, part)}</div>"
         )
 
     def show(self) -> None:
         """Write the instant into the slider and the play button."""
         player = self._player
+        low, high = self._span
+        if not low - 0.01 <= player.time <= high + 0.01:
+            self._show_span(player.first, player.last)
         write(self._time, round(player.time, 2))
-        label, icon = ("Pause", viser.Icon.PLAYER_PAUSE) if player.playing else ("Play", viser.Icon.PLAYER_PLAY)
-        update(self._play, label=label, icon=icon)
+        update(self._transport, content=_STYLE + _transport(player, offered=self._played is not None))
 
     def _go_to(self, name: str) -> None:
         """To the event of which an entry of the list begins with the number."""
@@ -135,39 +188,86 @@ class Timeline:
             self._player.go(self._marks[int(number) - 1].t)
 
 
-Action = tuple[str, str, Key | None, bool, Call]
-"""Button, command, its key, with shift, what it does."""
-_HINTS = {
-    "Step, s": "Arrow keys: 1 s, with Shift one sample; Home, End: the ends",
-    "Jump": "Up and down: events; Page up and down: anchors; 1 to 9: tenths",
-    "Part": "Play and plot only a part of the flight. Keys: I, O, B",
-}
+def _chosen(choose: Callable[[int, CameraMode], object], mode: CameraMode, browser: int) -> None:
+    choose(browser, mode)
 
 
-def _rows(player: Player) -> dict[str, tuple[Action, ...]]:
-    """The rows of buttons, and their keys."""
-    seek, step, cut = player.seek_share, player.step, player.cut
+def _icon(path: str) -> str:
+    """Drawn here, for not every font has the signs."""
+    return (
+        '<svg viewBox="0 0 10 10" width="11" height="11" fill="currentColor" style="vertical-align:-1px">'
+        f'<path d="{path}"/></svg>'
+    )
+
+
+_PLAY, _PAUSE = _icon("M1 0 10 5 1 10Z"), _icon("M1 0H4V10H1ZM6 0H9V10H6Z")
+_START, _END = _icon("M0 0H2V10H0ZM10 0V10L2 5Z"), _icon("M8 0H10V10H8ZM0 0V10L8 5Z")
+
+
+class Action(NamedTuple):
+    """A button of the transport, which presses its key."""
+
+    icon: str
+    name: str
+    key: Key
+    shift: bool
+    do: Call
+    kind: str = ""  # class of the button: "fine" is left out on a phone
+
+
+def _actions(player: Player, play: Call) -> tuple[Action, ...]:
+    """The buttons, from left to right, and their keys."""
+    seek, step = player.seek_share, player.step
     back, on = partial(player.jump, forward=False), partial(player.jump, forward=True)
-    return {
-        "Step, s": (
-            ("Start", "To the start", "home", False, partial(seek, 0.0)),
-            ("−10", "Back 10 s", None, False, partial(step, -10.0)),
-            ("−1", "Back 1 s", "arrowleft", False, partial(step, -1.0)),
-            ("‹ sample", "Back one IMU sample", "arrowleft", True, partial(back, "sample")),
-            ("sample ›", "Forward one IMU sample", "arrowright", True, partial(on, "sample")),
-            ("+1", "Forward 1 s", "arrowright", False, partial(step, 1.0)),
-            ("+10", "Forward 10 s", None, False, partial(step, 10.0)),
-            ("End", "To the end", "end", False, partial(seek, 1.0)),
-        ),
-        "Jump": (
-            ("‹ anchor", "Previous anchor", "pageup", False, partial(back, "anchor")),
-            ("anchor ›", "Next anchor", "pagedown", False, partial(on, "anchor")),
-            ("‹ event", "Previous event", "arrowup", False, partial(back, "event")),
-            ("event ›", "Next event", "arrowdown", False, partial(on, "event")),
-        ),
-        "Part": (
-            ("from here", "Part: from here", "I", False, partial(cut, "from")),
-            ("to here", "Part: to here", "O", False, partial(cut, "to")),
-            ("whole", "Part: the whole", "B", False, partial(cut, "whole")),
-        ),
-    }
+    return (
+        Action(f"{_PLAY} Play these {PLAYED_S:g} s", f"Play these {PLAYED_S:g} s", "P", False, play, "main"),
+        Action(_START, "To the start", "home", False, partial(seek, 0.0)),
+        Action("‹ event", "Previous event", "arrowup", False, partial(back, "event")),
+        Action("‹ anchor", "Previous anchor", "pageup", False, partial(back, "anchor"), "fine"),
+        Action("−10", "Back 10 s", "J", False, partial(step, -10.0)),
+        Action("−1", "Back 1 s", "arrowleft", False, partial(step, -1.0), "fine"),
+        Action("‹", "Back one IMU sample", "arrowleft", True, partial(back, "sample"), "fine"),
+        Action(_PLAY, "Play or pause", "space", False, player.toggle),
+        Action("›", "Forward one IMU sample", "arrowright", True, partial(on, "sample"), "fine"),
+        Action("+1", "Forward 1 s", "arrowright", False, partial(step, 1.0), "fine"),
+        Action("+10", "Forward 10 s", "L", False, partial(step, 10.0)),
+        Action("anchor ›", "Next anchor", "pagedown", False, partial(on, "anchor"), "fine"),
+        Action("event ›", "Next event", "arrowdown", False, partial(on, "event")),
+        Action(_END, "To the end", "end", False, partial(seek, 1.0)),
+        Action("", "Part: from here", "I", False, partial(player.cut, "from")),
+        Action("", "Part: to here", "O", False, partial(player.cut, "to")),
+        Action("", "Part: the whole", "B", False, partial(player.cut, "whole")),
+    )
+
+
+_KEYS = {"arrowleft": "←", "arrowright": "→", "arrowup": "↑", "arrowdown": "↓", "pageup": "Page up",
+         "pagedown": "Page down", "home": "Home", "end": "End", "space": "space"}  # fmt: skip
+
+
+def _transport(player: Player, *, offered: bool) -> str:
+    """The row of buttons. Each presses a key of the page: see page_head.js."""
+    buttons = []
+    for one in _actions(player, player.toggle):
+        if not one.icon or (one.kind == "main" and not offered):
+            continue
+        icon, name = one.icon, one.name
+        if one.key == "space":
+            icon, name = (_PAUSE, "Pause") if player.playing else (_PLAY, "Play")
+        buttons.append(_button(icon, name, one.key, shift=one.shift, kind=one.kind))
+    buttons.append('<span class="gap"></span>')
+    buttons += [
+        _button(name, name, key, kind="far" if i == 0 else "") for i, (name, (key, _)) in enumerate(CAMERAS.items())
+    ]
+    buttons.append(
+        '<button type="button" class="companion-link" onclick="companionCopyLink(this)" '
+        'title="The address of this instant, with the IMU that is integrated">copy link</button>'
+    )
+    return f'<div class="companion-transport"><i class="companion-play"></i>{"".join(buttons)}</div>'
+
+
+def _button(icon: str, name: str, key: Key, *, shift: bool = False, kind: str = "") -> str:
+    keys = ("Shift " if shift else "") + _KEYS.get(key, key)
+    return (
+        f'<button type="button" class="{kind}" aria-label="{name}" title="{name} ({keys})" '
+        f"onclick=\"companionKey('{key}',{str(shift).lower()})\">{icon}</button>"
+    )

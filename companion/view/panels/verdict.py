@@ -17,10 +17,12 @@ from companion.present import (
     STATISTICS,
     FindingGroup,
     Rgb,
+    capitalised,
     flight_words,
     held_out_gain,
     palette,
     ranked,
+    severity_of,
     significant,
 )  # fmt: skip
 from companion.view.panels.controls import Controls
@@ -34,13 +36,14 @@ ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE
 class FindingsTab:
     """Only the view thread may call it."""
 
-    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
-        """jump: called with the finding that is pressed."""
+    def __init__(self, controls: Controls, show: Callable[[int, Finding], object]) -> None:
+        """show: called with the browser, and the finding that is pressed in it."""
         gui = controls.gui
         self._status = gui.add_html("")
         self._flights = gui.add_html("", visible=False)
-        self._findings = [_FindingCard(controls, jump) for _ in range(MOST_LINES)]
+        self._findings = [_FindingCard(controls, show) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
+        self._could = gui.add_html("", visible=False)
 
     def wait(self, text: str) -> None:
         """Report that the analysis is in progress, or why there is none. `text` may hold anything."""
@@ -58,6 +61,9 @@ class FindingsTab:
         _write(self._flights, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
+        could = result.assessment.sensitivity if result else None
+        told = [] if could is None or not could.smallest else [f"This flight would have shown: {could}."]
+        _write(self._could, [*told, *(f"Not judged: {why}." for why in (could.not_judged if could else ()))])
 
 
 def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:
@@ -79,28 +85,27 @@ def drift_tab(result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> str:
 
 
 class _FindingCard:
-    """A button in the colour of its severity that jumps to where the worst of a group begins, and their evidence."""
+    """A button in the colour of its severity that goes to where the worst of a group shows most, and their evidence."""
 
-    def __init__(self, controls: Controls, jump: Callable[[Finding], object]) -> None:
+    def __init__(self, controls: Controls, show: Callable[[int, Finding], object]) -> None:
         self._finding: Finding | None = None
         self._button = controls.gui.add_button("", visible=False)
         self._evidence = controls.gui.add_html("", visible=False)
-        controls.on_click(self._button, lambda: self._finding and jump(self._finding))
+        controls.on_click_in(self._button, lambda browser: self._finding and show(browser, self._finding))
 
     def show(self, group: FindingGroup | None) -> None:
+        """Show a group; None: there is none."""
         self._button.visible = self._evidence.visible = group is not None
         if group is None:
             return
         finding = self._finding = group.worst
-        self._button.label = short(f"{finding.start_s:.1f} s: {words(finding.kind)}")
+        self._button.label = short(f"{capitalised(severity_of(finding.severity))}: {words(finding.kind)}")
         self._button.icon = ICONS.get(finding.severity, ICONS["info"])
         self._button.color = palette.SEVERITIES[finding.severity]
-        self._button.hint = finding.advice or None
-        start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
-        when = f" ({start} s)" if start == end else f" ({start} to {end} s)"
+        when = f"{group.when}: " if group.when else ""
+        advice = f'<div style="margin-top:0.3em"><b>What to do:</b> {escape(finding.advice)}</div>'
         self._evidence.content = block(
-            f"{escape(str(group))}{when if len(group.findings) == 1 else ''}"
-            + (f'<div style="opacity:0.8">{escape(finding.advice)}</div>' if finding.severity != "info" else "")
+            f"{when}{escape(str(group))}{advice if finding.advice and finding.severity != 'info' else ''}"
         )
 
 
@@ -114,11 +119,14 @@ def drift_table(drift: Drift, assessment: Assessment, colour: Rgb, horizon_s: fl
         for first, key in ((f"{one.horizon_s:g} s", "median"), (counted(one.windows, "window"), "p95")):
             rows.append(row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
         of_sigma = ("" if s is None else significant(s) for s in sigma)
-        rows.append(row(("", "expected", *of_sigma), f"opacity:{palette.QUIET}"))
+        rows.append(row(("", "allowed", *of_sigma), f"opacity:{palette.QUIET}"))
         left = left_out(one.excluded)
         if left and chosen:
             rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
-    note = block("Median and 95 % of the windows; paler, the expected 1σ.", "opacity:0.65")
+    note = block(
+        "Median and 95 % of the windows; paler, what is allowed (1σ, before the flight's own calibration).",
+        "opacity:0.65",
+    )
     head = ("after", "", *(q.unit for q in QUANTITIES))
     return title(f"{swatch(colour)}Drift of {escape(drift.imu)}") + table(head, rows) + note
 

@@ -15,7 +15,7 @@ import viser
 from companion.model import Array
 from companion.strapdown import quaternion
 from companion.view.state.choice import CameraMode
-from companion.view.state.trajectory import DisplayTrajectory, Sample
+from companion.view.state.trajectory import DisplayTrajectory, Sample, worst_stretch
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
@@ -28,6 +28,7 @@ ASPECT = 0.8  # width by height of what the panels leave of a window; a wider on
 MARGIN = 0.9  # share of the picture that a flight may fill
 COVERED = 0.3  # share of the height that the timeline covers, at the bottom, of a window of 800 pixels
 ASTRAY = 4.0  # times the size of a path is a point of the other that is not framed with it
+WORST_ASTRAY = 12.0  # the same of the worst stretch, which is what is looked for
 ENOUGH = 5000  # points of a path to frame it by
 NARROW_COVERED, NARROW_AWAY = 0.6, 1.9  # the same of a phone held upright, and how much farther away that is
 ROOM = 1.6  # times how far apart both drones are, the width that a camera that follows them shows at least
@@ -89,14 +90,14 @@ class Camera:
         initial.near, initial.far, initial.fov = self.near, self.far, float(FIELD_OF_VIEW)
 
 
-def frame(positions: Array, others: Array | None = None) -> Framing:
+def frame(positions: Array, others: Array | None = None, astray: float = ASTRAY) -> Framing:
     """Frame the path `positions` (N, 3), NED, m, and of the path `others` what is not far astray."""
     ground = float(positions[:, 2].max())
     positions = positions[:: max(len(positions) // ENOUGH, 1)]
     if others is not None:
         others = others[:: max(len(others) // ENOUGH, 1)]
         far = np.linalg.norm(others - positions.mean(axis=0), axis=1)
-        near = far < ASTRAY * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
+        near = far < astray * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
         positions = np.concatenate([positions, others[near]])
     low, high = positions.min(axis=0), positions.max(axis=0)
     radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
@@ -105,9 +106,25 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
 
 
 def frame_of(display: DisplayTrajectory) -> Framing:
-    """The room of a trajectory; without a position both drones hang in the air above the origin."""
-    framing = frame(display.replay.position_ref, display.replay.position_imu)
-    return framing if display.replay.has_position else replace(framing, ground=0.5 * framing.radius)
+    """The room of a flight with its worst stretch; without a position both drones hang in the air above the origin."""
+    replay = display.replay
+    worst = worst_stretch(replay)
+    astray = replay.position_imu[:0] if worst is None else replay.position_imu[_between(replay.t, *worst.span)]
+    framing = frame(replay.position_ref, astray, WORST_ASTRAY)
+    return framing if replay.has_position else replace(framing, ground=0.5 * framing.radius)
+
+
+def frame_between(display: DisplayTrajectory, whole: Framing, start: float, end: float) -> Framing:
+    """The room of both paths between two times, s, over the ground of the whole flight."""
+    replay = display.replay
+    part = _between(replay.t, start, end)
+    if not replay.has_position or part.stop - part.start < 2:
+        return whole
+    return replace(frame(replay.position_ref[part], replay.position_imu[part], np.inf), ground=whole.ground)
+
+
+def _between(t: Array, start: float, end: float) -> slice:
+    return slice(*np.searchsorted(t, [start, end + 1e-6]).tolist())
 
 
 def nice(length: float) -> float:

@@ -1,4 +1,4 @@
-"""Paths that stand still: the whole flight at one glance with its worst stretch, the GPS fixes, the best estimate."""
+"""Paths that stand still: the whole flight with its worst stretch and errors, GPS fixes, the best estimate."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import viser
 
 from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
-from companion.view.scene.trail import OUTLINE, Segments, add_lines, segments
+from companion.strapdown import SAME_TIME
+from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.decimation import Indices, by_shape, evenly
+from companion.view.state.moments import sigmas_along
 from companion.view.state.places import Path
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Worst, worst_stretch
@@ -26,17 +28,15 @@ DASHES = 240
 
 
 class Overview:
-    """Both paths, pale; thick and with its name the stretch that ends farthest apart.
+    """The autopilot's path in the colours of its error, the IMU's since the anchor, and thick the worst stretch.
 
     nearer: the node under which lines of this scale cover what lies behind them, see `scene.NEARER`. Only the view
     thread may call it.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, nearer: str, scale: float) -> None:
-        self._paths = {
-            "imu": add_lines(scene, f"{root}/path_imu", _PALE, 2.5),
-            "autopilot": add_lines(scene, f"{nearer}/path_autopilot", _PALE, 1.2, scale=scale),
-        }
+        self._scene, self._name = scene, f"{root}/path_autopilot"
+        self._arc = add_lines(scene, f"{root}/path_imu", _PALE, 2.5)
         self._worst = {
             "imu": add_lines(scene, f"{root}/worst_imu", _PALE, 7.0),
             "autopilot": add_lines(scene, f"{nearer}/worst_autopilot", _PALE, 3.0, scale=scale),
@@ -45,24 +45,31 @@ class Overview:
         self._label = scene.add_label(
             f"{root}/worst_name", "", anchor="bottom-center", font_screen_scale=1.1, visible=False
         )
+        self._display: DisplayTrajectory | None = None
+        self._anchor = -1  # that the arc begins at, by its number
 
-    def load(self, display: DisplayTrajectory, colour: Rgb, outlines: Mapping[str, Indices]) -> None:
-        """Lay out another replay. colour: of its IMU; outlines: of "imu" and "autopilot", `by_shape`."""
+    def load(self, display: DisplayTrajectory, colour: Rgb, outline: Indices) -> None:
+        """Lay out another replay. colour: of its IMU; outline: of the autopilot's positions, `by_shape`."""
         replay = display.replay
+        self._display, self._anchor, self._colour = display, -1, colour
+        kept = np.union1d(
+            by_shape(replay.position_ref, MOST_POINTS // 2, outline), evenly(len(replay.t), MOST_POINTS // 2)
+        )
+        lines, ends = segments(replay.position_ref, kept.astype(np.intp), display.restarts[:0])
+        # Anew: viser 1.1 draws no other colours for points that stay as they are.
+        self._scene.add_line_segments(
+            self._name,
+            lines if len(lines) else NOTHING,
+            sigma_colours(sigmas_along(display, replay.t[ends])) if len(lines) else palette.UNKNOWN,
+            thickness=2.4,
+            thickness_units="screen",
+            visible=len(lines) > 0,
+        )
         worst = worst_stretch(replay)
-        places: dict[str, tuple[Array, Indices, Rgb]] = {
-            "imu": (replay.position_imu, display.restarts, colour),
-            "autopilot": (replay.position_ref, display.restarts[:0], palette.AUTOPILOT),
-        }
-        for name, (positions, breaks, shade) in places.items():
-            _draw(
-                self._paths[name],
-                _simple(positions, breaks, MOST_POINTS, outlines[name]),
-                palette.mix(shade, _PALE, 0.55),
-            )
-            part = _part(replay.t, worst)
-            broken = breaks[(breaks > part.start) & (breaks < part.stop)] - part.start
-            _draw(self._worst[name], _simple(positions[part], broken, _WORST_POINTS), shade)
+        part = slice(0, 0) if worst is None else _part(replay.t, *worst.span)
+        places = {"imu": (replay.position_imu, colour), "autopilot": (replay.position_ref, palette.AUTOPILOT)}
+        for name, (positions, shade) in places.items():
+            _draw(self._worst[name], _simple(positions[part]), np.array(shade, dtype=np.uint8))
         self._apart.visible = self._label.visible = worst is not None
         if worst is None:
             return
@@ -70,7 +77,36 @@ class Overview:
         ends = np.stack([replay.position_ref[at], replay.position_imu[at]])
         self._apart.points = ends[None].astype(np.float32)
         self._label.text = worst_words(worst)
-        self._label.position = ends[0]  # the autopilot's, which is in the picture however far the IMU has gone astray
+        self._label.position = ends.mean(axis=0)
+
+    def show(self, t: float) -> None:
+        """Draw where the IMU goes from the anchor before t, s, to the next."""
+        if self._display is None:
+            return
+        replay = self._display.replay
+        anchor = int(np.searchsorted(replay.anchors, t + SAME_TIME, side="right")) - 1
+        if anchor != self._anchor:
+            self._anchor = anchor
+            bounds = np.append(replay.anchors, np.inf)
+            start = bounds[anchor] if anchor >= 0 else -np.inf
+            # Up to the last sample before the next anchor, where it jumps back to the autopilot.
+            part = slice(*np.searchsorted(replay.t, [start, bounds[anchor + 1]]).tolist())
+            shade = np.array(palette.mix(self._colour, _PALE, 0.55), dtype=np.uint8)
+            _draw(self._arc, _simple(replay.position_imu[part], MOST_POINTS // 4), shade)
+
+
+def sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
+    """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`.
+
+    As viser 1.1 wants them for points: it takes those for linear light, and red turns pink.
+    """
+    stops = np.array([at for at, _ in palette.SIGMAS])
+    mixed = np.stack(
+        [np.interp(sigmas, stops, column) for column in np.array([c for _, c in palette.SIGMAS]).T], axis=-1
+    )
+    mixed[np.isnan(sigmas)] = palette.UNKNOWN
+    linear = 255.0 * (mixed / 255.0) ** 2.2
+    return np.repeat(linear[:, None], 2, axis=1).round().astype(np.uint8)
 
 
 def worst_words(worst: Worst) -> str:
@@ -78,26 +114,21 @@ def worst_words(worst: Worst) -> str:
     return f"{worst.end_s:.0f} s: {length(worst.apart_m)} apart"
 
 
-def _part(t: Array, worst: Worst | None) -> slice:
-    if worst is None:
-        return slice(0, 0)
-    return slice(*np.searchsorted(t, [worst.start_s, worst.end_s + 1e-6]).tolist())
+def _part(t: Array, start: float, end: float) -> slice:
+    return slice(*np.searchsorted(t, [start, end + 1e-6]).tolist())
 
 
-def _simple(positions: Array, breaks: Indices, most: int, outline: Indices | None = None) -> Segments:
+def _simple(positions: Array, most: int = _WORST_POINTS) -> Segments:
     if len(positions) < 2:
-        return np.zeros((0, 2, 3), dtype=np.float32)
-    inner = breaks[(breaks > 0) & (breaks < len(positions))]
-    if 4 * len(inner) > most:
-        inner = inner[:0]  # more anchors than the eye can part
-    kept = np.union1d(by_shape(positions, most - 2 * len(inner), outline), np.union1d(inner - 1, inner)).astype(np.intp)
-    return segments(positions, kept, inner)[0]
+        return NOTHING[:0]
+    return segments(positions, by_shape(positions, most), np.zeros(0, np.intp))[0]
 
 
-def _draw(line: viser.LineSegmentsHandle, lines: Segments, colour: Rgb) -> None:
+def _draw(line: viser.LineSegmentsHandle, lines: Segments, colours: npt.NDArray[np.uint8]) -> None:
+    """colours: (3,) of all, or (M, 2, 3)."""
     line.visible = len(lines) > 0
     if len(lines):
-        line.points, line.colors = lines, np.array(colour, dtype=np.uint8)
+        line.points, line.colors = lines, colours
 
 
 class ExtraPaths:

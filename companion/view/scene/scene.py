@@ -91,7 +91,7 @@ class Scene:
         outlines = {"imu": by_shape(replay.position_imu, OUTLINE), "autopilot": by_shape(replay.position_ref, OUTLINE)}
         self._trail.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
         if whole:
-            self.overview.load(display, colour, outlines)
+            self.overview.load(display, colour, outlines["autopilot"])
         for line in (self._error, *self._sticks):
             update(line.node, visible=known)
         self._error_name.visible = False
@@ -122,6 +122,7 @@ class Scene:
         """Put the drones, and what hangs on them, where they are at `sample`."""
         for move in self.moves(sample):
             move.show()
+        self.overview.show(sample.t)
         self.arrows.show(sample, self._has_position)
         self.expected.put(sample.position_imu)
 
@@ -155,7 +156,7 @@ class Scene:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        name = f"{self._label} alone" if roomy else apart
         update(self.imu.label, text=name)
         update(self.autopilot.label, visible=roomy)
         update(self._error_name, visible=roomy)

@@ -13,6 +13,15 @@
     if (event.detail > 0) document.activeElement?.closest?.("button")?.blur();
   });
 
+  // The buttons of the transport press the keys that the page listens to.
+  const KEYS = { space: " ", arrowleft: "ArrowLeft", arrowright: "ArrowRight", arrowup: "ArrowUp", arrowdown: "ArrowDown",
+    pageup: "PageUp", pagedown: "PageDown", home: "Home", end: "End" };
+  window.companionKey = (name, shiftKey) => {
+    const key = KEYS[name] ?? name.toLowerCase();
+    const code = key === " " ? "Space" : KEYS[name] ?? `Key${name}`;
+    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, code, shiftKey, bubbles: true }));
+  };
+
   let missed = 0; // questions whether companion is there, one after the other
 
   const shownTime = () => document.querySelector(".companion-time")?.parentElement?.nextElementSibling

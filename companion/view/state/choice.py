@@ -29,10 +29,12 @@ class TrailSpan(NamedTuple):
 
     seconds: float | None  # up to the instant shown; None: since the start
     ahead: bool = False  # the rest of the path too
+    anchored: bool = False  # since the anchor
 
-    def around(self, t: float) -> tuple[float, float]:
-        """From when to when, s, at the instant `t`."""
-        return -np.inf if self.seconds is None else t - self.seconds, np.inf if self.ahead else t
+    def around(self, t: float, anchor: float) -> tuple[float, float]:
+        """From when to when, s, at the instant `t`; anchor: s, the last before it."""
+        since = anchor if self.anchored else -np.inf if self.seconds is None else t - self.seconds
+        return since, np.inf if self.ahead else t
 
 
 NO_BIAS = (0.0, 0.0, 0.0)

@@ -27,6 +27,7 @@ class Player:
         self.backwards = False
         self._speed = 1.0
         self.stops: dict[Stop, Array] = {}  # s, sorted: where `jump` goes
+        self._until: float | None = None  # where playing pauses, within the part
         self.first = self.start = self.time = first
         self.last = self.end = last
         self.load(first, last)
@@ -82,11 +83,17 @@ class Player:
         """Play or pause. Play at the end starts over, as every player does."""
         if not self.playing and self.time == self._goal:
             self.time = self.end if self.backwards else self.start
-        self.playing = not self.playing
+        self.playing, self._until = not self.playing, None
+
+    def play(self, start: float, end: float) -> None:
+        """Play forwards from one time to another, and pause there."""
+        self.go(start)
+        self.backwards, self.playing, self._until = False, True, end
 
     def seek(self, time: float) -> None:
         """Go to `time`, or to the nearest bound. Something that is no number is ignored."""
         if math.isfinite(time):
+            self._until = None
             self.time = min(max(time, self.start), self.end)
 
     def seek_share(self, share: float) -> None:
@@ -118,6 +125,9 @@ class Player:
             return
         step = dt * self._speed
         time = self.time - step if self.backwards else self.time + step
+        if self._until is not None and time >= self._until and not self.backwards:
+            self.go(self._until)
+            return
         if time > self.start if self.backwards else time < self.end:
             self.time = time
         elif self.loop and self.duration > 0:

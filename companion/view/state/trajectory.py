@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, Replay, WindowErrors
+from companion.analysis import Assessment, Expectation, Expected, ImuNoise, RedundantImu, Replay, WindowErrors
 from companion.model import Array, DataError, ImuTrack, words
 from companion.strapdown import SAME_TIME, quaternion
 from companion.view.state.decimation import Indices
@@ -28,6 +28,14 @@ class AnalysisResult:
     redundant_imus: tuple[RedundantImu, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it is not known
     noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
+    calibrated: Expected | None = None  # at the horizon, with what the flight's calibration leaves unknown of the IMU
+    replay: Replay | None = None  # anchored where the page opens as well; None: what is shown already is
+
+    @property
+    def allowed(self) -> Expected | None:
+        """What is allowed of a window of the chosen horizon, 1σ, before the flight's own calibration."""
+        rows = zip(self.assessment.drift.rows, self.assessment.expected, strict=True)
+        return next((one for row, one in rows if row.horizon_s == self.horizon_s), None)
 
     @property
     def marks(self) -> tuple[Mark, ...]:
@@ -211,8 +219,10 @@ class DisplayTrajectory:
 
 
 def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTrajectory:
-    """The same with its analysis."""
+    """The same with its analysis, and with the anchor that the analysis adds."""
     trailing = result.trailing
+    if result.replay is not None:
+        shown = replace(display_trajectory(result.replay, shown.track), others=shown.others)
     return replace(
         shown,
         result=result,
@@ -264,6 +274,17 @@ def display_trajectory(
     )
 
 
+def joined(before: Replay, after: Replay) -> Replay:
+    """One replay until another of the same flight begins, which has an anchor there, and that one from then on."""
+    kept = before.t < after.t[0]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)])
+        for name in ("t", *COLUMNS, "reference_valid")
+    }
+    anchors = np.concatenate([before.anchors[before.anchors < after.t[0]], after.anchors])
+    return replace(before, **columns, anchors=anchors)
+
+
 _STATES = ("q_imu", "velocity_imu", "position_imu", "q_ref", "velocity_ref", "position_ref")
 COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
 _ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
@@ -290,6 +311,11 @@ class Worst:
     start_s: float  # boot clock: where the dead reckoning last started from the autopilot
     end_s: float  # where they are farthest apart
     apart_m: float
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when, s."""
+        return self.start_s, self.end_s
 
 
 def worst_stretch(replay: Replay) -> Worst | None:

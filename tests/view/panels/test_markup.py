@@ -40,11 +40,13 @@ def test_words_on_panels_and_bands_are_read(panel: palette.Rgb) -> None:
 def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str) -> None:
     assert palette.SIGNS[status]
     assert status in COLOURS
-    assert status.replace("_", " ").upper() in banner(status, "They agree.")
+    assert palette.SIGNS[status] in banner(status, "They agree.")
 
 
 def test_a_line_does_not_end_between_a_value_and_its_error() -> None:
-    assert "2.99&nbsp;±&nbsp;0.02 m/s²" in banner("imu_suspect", "accelerometer x bias 2.99 ± 0.02 m/s².")
+    markup = banner("imu_suspect", "accelerometer x bias 2.99 ± 0.02 m/s².", "98 % of 46 windows inside the 95 % bound")
+    assert "2.99&nbsp;±&nbsp;0.02&nbsp;m/s²" in markup
+    assert "98&nbsp;% of 46 windows inside the 95&nbsp;% bound" in markup
 
 
 def test_what_is_seen_through_has_an_edge_that_a_dark_page_does_not_swallow() -> None:

@@ -2,49 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import calendar
+import re
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
+from companion.model import Epoch, Event
 from companion.view import ReplayChoice
-from companion.view.panels.controls import Controls
-from companion.view.panels.replay_panel import Panel
-from tests.view.circles import make_flight, recompute
+from companion.view.panels.replay_panel import errors_table, flight_data
+from companion.view.panels.strip import bands
+from companion.view.state.trajectory import Envelope
+from tests.view.circles import BOOT, make_flight, recompute
 
 
-class Dropdown:
-    """Stands for viser's."""
-
-    value = ""
-
-    def on_update(self, _: Callable[..., object]) -> None:
-        """Nothing is heard."""
+def cells(markup: str) -> list[list[str]]:
+    """The words of each row of the tables."""
+    rows = re.findall(r"<tr.*?</tr>", markup)
+    return [[re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<td>(.*?)</td>", row)] for row in rows]
 
 
-class Gui:
-    """Stands for viser's: keeps the pieces of markup in order."""
+def test_an_error_stands_beside_what_is_allowed_and_how_many_sigma_that_is() -> None:
+    """Root mean square of a vector whose axes have 1, 2 and 2 m: 3 m."""
+    display = recompute(make_flight(), ReplayChoice())
+    allowed = Envelope(np.array([display.start, display.end]), *(np.full(2, s) for s in (2.0, 0.5, 3.0)))
+    sample = replace(
+        display.at(display.start + 5.0), covariance=np.diag([1.0, 4.0, 4.0]), position_m=7.5, tilt_deg=3.0,
+        heading_deg=-4.0, velocity_mps=0.25,
+    )  # fmt: skip
+    rows = {name: rest for name, *rest in cells(errors_table(sample, replace(display, expected=allowed)))}
+    assert rows["attitude"] == ["5.00°", "2.00°", "2.5"]
+    assert rows["velocity"] == ["0.25 m/s", "0.50 m/s", "0.5"]
+    assert rows["position"] == ["7.50 m", "3.00 m", "2.5"]
+    assert rows["· height"][1] == "2.00 m"
+    assert cells(errors_table(sample, display))[1] == ["attitude", "5.00°", "–", "–"]
 
-    def __init__(self) -> None:
-        self.markup: list[SimpleNamespace] = []
 
-    def add_html(self, content: str) -> SimpleNamespace:
-        self.markup.append(SimpleNamespace(content=content))
-        return self.markup[-1]
-
-    def add_dropdown(self, *_: object, **__: object) -> Dropdown:
-        return Dropdown()
-
-
-def test_the_expected_error_is_a_length() -> None:
-    """Root mean square of a vector whose axes have 1, 2 and 2 m."""
-    flight, gui = make_flight(), Gui()
+def test_what_the_vehicle_does_at_the_instant() -> None:
+    """21:05:10 UTC is 100 s after the boot, and the log begins a second before that."""
+    booted = calendar.timegm((2026, 11, 28, 21, 3, 30))
+    told = ((BOOT, "mode", "<b>AUTO"), (BOOT, "armed", "armed"), (BOOT + 30.0, "disarmed", "disarmed"))
+    events = tuple(Event(*one) for one in told)
+    flight = replace(make_flight(), epoch=Epoch(float(booted), "GPS"), events=events)
     display = recompute(flight, ReplayChoice())
-    sample = replace(display.at(display.start + 5.0), covariance=np.diag([1.0, 4.0, 4.0]), position_m=2.5)
-    shown: Any = gui
-    Panel(Controls(shown, lambda _: None), [flight], lambda _: None).show(sample, display, 10.0)
-    (numbers,) = (piece.content for piece in gui.markup if "Position error" in piece.content)
-    assert "expected 1σ 3.00 m" in numbers
-    assert "2.50 m" in numbers
+
+    def at(t: float) -> str:
+        return flight_data(display.at(t), flight, bands(flight, display), has_position=True)
+
+    early, late = at(BOOT + 20.0), at(BOOT + 40.0)
+    assert "28 November 2026, 21:05:30" in early
+    assert "0:21.0 of the log" in early
+    assert "&lt;b&gt;AUTO" in early
+    assert (", armed" in early, ", disarmed" in late) == (True, True)
+    speed = float(np.hypot(*display.at(BOOT + 20.0).velocity_ref[:2]))
+    assert f"{speed:.1f} m/s" in early

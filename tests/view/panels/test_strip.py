@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from companion.model import Event, Flight
 from companion.view import DisplayTrajectory, ReplayChoice, display_trajectory
-from companion.view.panels.bands import Bands, Span, bands, markup, outside
+from companion.view.panels.strip import Bands, Span, bands, markup, outside
 from tests.view.circles import BOOT, dead_reckon, make_flight
 
 

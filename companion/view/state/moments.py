@@ -1,0 +1,183 @@
+"""What is worth a look: the errors as curves beside what is allowed, where they are largest, where the page opens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis import Finding, Verdict
+from companion.model import Array
+from companion.view.state.trajectory import DisplayTrajectory, Errors, worst_stretch
+
+Error = Literal["attitude", "velocity", "position"]
+ERRORS: dict[Error, tuple[str, str]] = {
+    "attitude": ("Attitude error", "°"),
+    "velocity": ("Velocity error", "m/s"),
+    "position": ("Position error", "m"),
+}
+"""Name and unit of what can be off."""
+BEFORE_S, PLAYED_S = 3.0, 10.0
+"""How long before the onset of a cause the page opens, and how much of it is played from there."""
+AFTER_S = 3.0
+"""How long after the strongest instant of a finding it is played to."""
+LONG_S = 120.0
+"""A log that lasts longer has more anchors than a strip can show: it has the error over the horizon in their place."""
+_NEAR_S, _SAME_S = 0.5, 0.01  # s from where the page opens: its own anchor follows soon, or is there
+_LAST_S = 5.0  # of the worst stretch, while there is no analysis
+_SHOWS_IN: dict[str, Error] = {
+    **dict.fromkeys(("gyro", "compass", "tilt", "heading", "declination", "mounting", "axes", "imu"), "attitude"),
+    **dict.fromkeys(("accel", "velocity", "lever"), "velocity"),
+    **dict.fromkeys(("gps", "position", "height", "barometer", "antenna", "dead"), "position"),
+}
+"""First word of a kind of finding → the error in which it shows; any other shows where the error is largest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorCurve:
+    """One error over time, and what is allowed of it."""
+
+    error: Error
+    t: Array  # (N,) s, boot clock
+    values: Array  # (N,) in the unit of ERRORS
+    allowed: Array  # (N,) one standard deviation; NaN where nothing is known of it
+    horizon_s: float | None = None  # of the windows that end at t; None: since the anchor
+
+    @property
+    def sigmas(self) -> Array:
+        """(N,) the error divided by what is allowed."""
+        return np.asarray(self.values / self.allowed)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A stretch of a flight, and the instant in it that shows most. Times in s, boot clock."""
+
+    error: Error
+    onset_s: float
+    end_s: float
+    strongest_s: float
+
+    @property
+    def opens_s(self) -> float:
+        """Where the page opens at it."""
+        return self.onset_s - BEFORE_S
+
+    def opens_at(self, anchors: Array) -> float:
+        """The same, at the anchor that is made for it: the sample that follows."""
+        near = anchors[(anchors >= self.opens_s) & (anchors < self.opens_s + _NEAR_S)]
+        return float(near[0]) if len(near) else self.opens_s
+
+
+def over_horizon(display: DisplayTrajectory, error: Error) -> ErrorCurve | None:
+    """The error of the window that ends at each instant; None where there is none, or no analysis yet."""
+    if display.result is None or display.trailing is None or not len(display.trailing.t):
+        return None
+    result = display.result
+    names = {"attitude": "attitude_deg", "velocity": "velocity_mps", "position": "position_m"}
+    allowed = getattr(result.allowed, names[error], None)
+    t = display.trailing.t
+    return ErrorCurve(
+        error, t, length_of(display.trailing, error), np.full(len(t), allowed or np.nan), result.horizon_s
+    )
+
+
+def since_anchor(display: DisplayTrajectory, error: Error) -> ErrorCurve:
+    """The error at every sample of the replay."""
+    t, allowed = display.replay.t, np.full(len(display.replay.t), np.nan)
+    if (envelope := display.expected) is not None:
+        lines = {"attitude": envelope.attitude_deg, "velocity": envelope.velocity_mps, "position": envelope.position_m}
+        allowed = np.interp(t, envelope.t, lines[error])
+    told = (allowed > 0) & display.replay.reference_valid  # across a gap the autopilot's state is interpolated
+    return ErrorCurve(error, t, length_of(display.errors, error), np.where(told, allowed, np.nan))
+
+
+def shown_curve(display: DisplayTrajectory, error: Error) -> ErrorCurve:
+    """The one that a strip shows: since the anchor, and of a long log over the horizon."""
+    curve = over_horizon(display, error) if display.end - display.start > LONG_S else None
+    return curve or since_anchor(display, error)
+
+
+def sigmas_along(display: DisplayTrajectory, t: Array) -> Array:
+    """(N,) at times t (N,) s, the largest of the errors over the horizon about then, in σ; NaN where none is known."""
+    most = np.full(len(t), np.nan)
+    for error in errors_in(display):
+        curve = over_horizon(display, error)
+        if curve is None or curve.horizon_s is None:
+            continue
+        centre = curve.t - curve.horizon_s / 2
+        after = np.minimum(np.searchsorted(centre, t), len(centre) - 1)
+        near = np.minimum(np.abs(centre[after] - t), np.abs(centre[np.maximum(after - 1, 0)] - t)) < curve.horizon_s / 2
+        most = np.fmax(most, np.where(near, np.interp(t, centre, curve.sigmas), np.nan))
+    return most
+
+
+def length_of(errors: Errors, error: Error) -> Array:
+    """(N,) the size of an error."""
+    if error == "attitude":
+        return np.hypot(errors.tilt_deg, errors.heading_deg)
+    return errors.velocity_mps if error == "velocity" else errors.position_m
+
+
+def errors_in(display: DisplayTrajectory) -> tuple[Error, ...]:
+    """Those that a log can show."""
+    return tuple(ERRORS) if display.replay.has_position else ("attitude",)
+
+
+def moment_of(finding: Finding, display: DisplayTrajectory) -> Moment:
+    """When a finding shows most, in σ of what is allowed, and in which error."""
+    known, word = errors_in(display), finding.kind.partition("_")[0]
+    shows = _SHOWS_IN.get(word)
+    among = (shows,) if shows in known else known
+    low, high = max(finding.start_s, display.start), min(finding.end_s, display.end)
+    best: tuple[float, Error, float] | None = None
+    for error in among:
+        for curve in (since_anchor(display, error), over_horizon(display, error)):
+            if curve is None:
+                continue
+            late = high + (curve.horizon_s or 1.0)  # what ends then was within
+            inside = (curve.t >= low) & (curve.t <= late) & np.isfinite(curve.sigmas)
+            if inside.any() and (best is None or curve.sigmas[inside].max() > best[0]):
+                at = np.flatnonzero(inside)[np.argmax(curve.sigmas[inside])]
+                best = (float(curve.sigmas[at]), error, float(curve.t[at]))
+    error, strongest = (among[-1], low) if best is None else best[1:]
+    return Moment(error, finding.start_s, finding.end_s, strongest)
+
+
+def cause_of(verdict: Verdict) -> Finding | None:
+    """The finding that a verdict is about: that of its cause, else the first of those that leave it open."""
+    if (cause := verdict.cause) is not None:
+        errors = (f for f in verdict.findings if f.severity == "error")
+        return min(errors, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
+    return next((f for f in verdict.findings if f.undecided or f.severity == "error"), None)
+
+
+def decisive(display: DisplayTrajectory) -> Moment | None:
+    """Where the page opens: at the headline's cause, without one at the worst window; None where nothing differs."""
+    cause = cause_of(display.result.assessment.verdict) if display.result is not None else None
+    if cause is not None and display.start <= cause.end_s and cause.start_s <= display.end:
+        return moment_of(cause, display)
+    worst: tuple[float, Moment] | None = None
+    for error in errors_in(display):
+        curve = over_horizon(display, error)
+        if curve is None or not np.isfinite(curve.sigmas).any():
+            continue
+        at = int(np.nanargmax(curve.sigmas))
+        end = float(curve.t[at])
+        if worst is None or curve.sigmas[at] > worst[0]:
+            worst = float(curve.sigmas[at]), Moment(error, end - (curve.horizon_s or 0.0), end, end)
+    if worst is not None:
+        return worst[1]
+    stretch = worst_stretch(display.replay)
+    if stretch is None:
+        return None
+    return Moment("position", max(stretch.start_s, stretch.end_s - _LAST_S), stretch.end_s, stretch.end_s)
+
+
+def missing_anchor(display: DisplayTrajectory) -> float | None:
+    """Where the page opens, s, where the dead reckoning is to start anew there; None where it does, or begins."""
+    moment, replay = decisive(display), display.replay
+    if moment is None or moment.opens_s <= replay.t[0] or np.abs(replay.anchors - moment.opens_s).min() < _SAME_S:
+        return None
+    return moment.opens_s

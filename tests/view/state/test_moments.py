@@ -1,0 +1,117 @@
+"""Where the page opens, and where a finding shows most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.analysis import Cause, Finding, Replay, Verdict
+from companion.analysis.finding import KINDS
+from companion.view import ReplayChoice, display_trajectory, joined, with_result
+from companion.view.state.decimation import by_shape
+from companion.view.state.moments import BEFORE_S, decisive, errors_in, missing_anchor, moment_of, sigmas_along
+from companion.view.state.player import Player
+from companion.view.state.trajectory import DisplayTrajectory
+from tests.view.circles import BOOT, dead_reckon, examine, make_flight
+
+FLIGHT = make_flight()
+CHOICE = ReplayChoice()
+
+
+@pytest.fixture(scope="module")
+def display() -> DisplayTrajectory:
+    shown = display_trajectory(dead_reckon(FLIGHT, CHOICE), FLIGHT.imu("RAW_IMU"))
+    return with_result(shown, examine(FLIGHT, CHOICE, shown))
+
+
+def accused(display: DisplayTrajectory, *findings: Finding) -> DisplayTrajectory:
+    assert display.result is not None
+    verdict = Verdict("consistent", "They agree.", ())
+    if findings:
+        verdict = Verdict("imu_suspect", "Suspect the IMU.", findings, findings[0].cause)
+    assessment = replace(display.result.assessment, verdict=verdict)
+    return replace(display, result=replace(display.result, assessment=assessment))
+
+
+def fault(start: float, end: float, kind: str = "gyro_bias") -> Finding:
+    cause = Cause(kind, "imu", start, end, 0.1, kind.partition("_")[0])
+    return Finding(kind, "imu", "error", start, end, "it is off", "mend it", cause=cause)
+
+
+def test_it_opens_before_the_onset_of_the_cause(display: DisplayTrajectory) -> None:
+    moment = decisive(accused(display, fault(BOOT + 23.0, BOOT + 36.0)))
+    assert moment is not None
+    assert moment.opens_s == BOOT + 23.0 - BEFORE_S
+    assert moment.error == "attitude"
+
+
+def test_without_a_cause_it_opens_at_the_worst_window(display: DisplayTrajectory) -> None:
+    moment = decisive(accused(display))
+    assert moment is not None
+    assert display.trailing is not None
+    assert moment.end_s - moment.onset_s == pytest.approx(5.0, abs=0.05)
+    assert moment.strongest_s == moment.end_s
+    most = np.nanmax(sigmas_along(display, display.replay.t))
+    assert sigmas_along(display, np.array([moment.end_s - 2.5]))[0] == pytest.approx(most, rel=1e-6)
+
+
+def test_before_the_analysis_it_opens_at_the_worst_stretch() -> None:
+    shown = display_trajectory(dead_reckon(FLIGHT, CHOICE))
+    moment = decisive(shown)
+    assert moment is not None
+    apart = np.linalg.norm(shown.replay.position_error, axis=1)
+    assert moment.strongest_s == shown.replay.t[apart.argmax()]
+
+
+def test_a_finding_leads_to_where_its_error_is_largest(display: DisplayTrajectory) -> None:
+    """The dead reckoning is anchored every 10 s and its error grows: the strongest instant is not the onset."""
+    finding = fault(BOOT + 21.0, BOOT + 36.0)
+    moment = moment_of(finding, display)
+    assert finding.start_s < moment.strongest_s <= finding.end_s + 5.0
+    assert (moment.onset_s, moment.end_s) == (finding.start_s, finding.end_s)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_finding_shows_somewhere(kind: str, display: DisplayTrajectory) -> None:
+    finding = Finding(kind, "imu", "info", BOOT + 10.0, BOOT + 20.0, "so", "")
+    attitude_alone = replace(display, replay=replace(display.replay, has_position=False))
+    for shown in (display, attitude_alone):
+        moment = moment_of(finding, shown)
+        assert moment.error in errors_in(shown)
+        assert finding.start_s <= moment.strongest_s <= finding.end_s + 5.0
+
+
+def test_an_anchor_is_added_where_the_page_opens_and_nothing_else_changes(display: DisplayTrajectory) -> None:
+    shown = accused(display, fault(BOOT + 27.5, BOOT + 36.0))
+    start = missing_anchor(shown)
+    assert start == BOOT + 24.5
+    before, after = shown.replay, dead_reckon(FLIGHT, replace(CHOICE, start_s=start))
+    both: Replay = joined(before, after)
+    assert np.array_equal(both.t, before.t)
+    assert np.array_equal(both.position_ref, before.position_ref)
+    early = both.t < start
+    assert np.array_equal(both.position_imu[early], before.position_imu[early])
+    assert np.array_equal(both.position_imu[~early], after.position_imu)
+    assert start in both.anchors
+    assert missing_anchor(replace(shown, replay=both)) is None
+
+
+def test_a_part_is_played_once_and_pauses_at_its_end() -> None:
+    player = Player(100.0, 160.0)
+    player.play(120.0, 130.0)
+    assert (player.playing, player.time) == (True, 120.0)
+    for _ in range(300):
+        player.advance(0.1)
+    assert (player.playing, player.time) == (False, 130.0)
+    player.play(120.0, 130.0)
+    player.seek(140.0)  # whoever goes elsewhere plays on from there
+    player.advance(1.0)
+    assert player.time == 141.0
+
+
+def test_the_colours_of_a_track_tell_where_it_differs(display: DisplayTrajectory) -> None:
+    t = display.replay.t[by_shape(display.replay.position_ref, 50)]
+    assert len(sigmas_along(display, t)) == len(t)
+    assert np.isnan(sigmas_along(replace(display, result=None), t)).all()
