@@ -163,7 +163,7 @@ class AttitudeTrack(Sampled):
         _check(self, q_ned_frd=4, rates=3)
 
     @property
-    def has_rates(self) -> bool:
+    def rates_told(self) -> bool:
         """Deprecated: the old name of `rates_reported`."""
         return self.rates_reported
 
