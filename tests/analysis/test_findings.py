@@ -717,6 +717,19 @@ def clipped(flight: Flight, gyro: Array) -> list[Finding]:
     return [f for f in reading_faults(flight, compared, GENERIC) if f.kind == "gyro_clipping"]
 
 
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_short_top_below_what_is_strong_is_a_range_where_another_ends_at_its_level(times: int) -> None:
+    """A vehicle that swerves: a peak of the motion is flat within a step of the readings."""
+    flight = flown(motions.circle(seconds(30, 50)))
+    imu = flight.imu()
+    samples = np.abs(np.arange(len(imu))[:, None] - [500, 1000][:times]).min(axis=1)
+    swerve = np.maximum(2.0 - 0.05 * np.maximum(samples - 2, 0), np.sin(11.0 * imu.t) - 3.0)
+    accel = np.column_stack([imu.accel[:, 0], np.round(swerve, 2), imu.accel[:, 2]])
+    swerving = with_imu(flight, accel=accel, accel_step=0.01)
+    found = reading_faults(flight, compare(flight, track=swerving.imu()), GENERIC)
+    assert ("accel_clipping" in {f.kind for f in found}) == (times == 2)
+
+
 def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
     """Of whole steps: an axis that swings and then rests is in order, one that is noisy and then rests is stuck."""
     t = np.arange(0.0, 40.0, 0.01)

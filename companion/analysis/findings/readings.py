@@ -97,7 +97,9 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
     of an edge.
 
     Nor, below what is strong, one that chance makes: of N readings, n neighbours in a row are alike N pⁿ times, where a
-    share p of them is among the thousand that read the most outside of such tops (Laplace's rule of succession).
+    share p of them is among the thousand that read the most outside of such tops (Laplace's rule of succession). And
+    there a short one shows a range by a second that ends at the same level: one alone is a peak of the motion, which
+    steps of the readings make flat.
     """
     flat = np.zeros(len(readings), np.bool_)
     if rate_hz < check.STUCK_RATE_HZ:  # a top between two samples is not seen to be flat
@@ -111,9 +113,12 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
             outside[top.start : top.stop - 1] = False
         most = np.argsort(np.where(outside, level[1:], -1.0))[-min(check.TOP_OTHERS, int(outside.sum())) :]
         p = (1.0 + alike[most].sum()) / (2.0 + len(most))
-        for top in tops:
+        ends = np.array([level[top].max() for top in tops])
+        for top, end in zip(tops, ends.tolist(), strict=True):
             unlikely = len(column) * p ** (top.stop - top.start - 1) < priors.FALSE_ALARM
-            if level[top].max() > harm.TOP_LEVEL[name] or unlikely:
+            short = top.stop - top.start < harm.CLIPPED_S * rate_hz
+            again = np.count_nonzero(np.abs(ends - end) <= check.FLAT_TOP * end) > 1
+            if end > harm.TOP_LEVEL[name] or (unlikely and (again or not short)):
                 flat[top] = True
     return flat
 
