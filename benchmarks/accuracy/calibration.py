@@ -43,15 +43,15 @@ def motion(rng: Random) -> Motion:
     )
 
 
-def drawn(rng: Random, figures: ImuSpec) -> Correction:
+def drawn(rng: Random, imu_spec: ImuSpec) -> Correction:
     """What is wrong with an IMU, as the correction that would put it right."""
     return Correction(
-        gyro_bias=rng.normal(0, figures.gyro.residual_bias, 3),
-        accel_bias=rng.normal(0, figures.accel.residual_bias, 3),
+        gyro_bias=rng.normal(0, imu_spec.gyro.residual_bias, 3),
+        accel_bias=rng.normal(0, imu_spec.accel.residual_bias, 3),
         mounting=rng.normal(0, 0.01, 3),
         time_offset=float(rng.uniform(0.0, 0.015)),
-        gyro_scale=rng.normal(0, figures.gyro.scale, 3),
-        accel_scale=rng.normal(0, figures.accel.scale, 3),
+        gyro_scale=rng.normal(0, imu_spec.gyro.scale, 3),
+        accel_scale=rng.normal(0, imu_spec.accel.scale, 3),
         gyro_misalignment=rng.normal(0, 0.5 * AUTOPILOT.misalignment, 6),
         accel_misalignment=rng.normal(0, 0.5 * AUTOPILOT.misalignment, 3),
         lever_arm=rng.normal(0, 0.1, 3),
@@ -60,8 +60,8 @@ def drawn(rng: Random, figures: ImuSpec) -> Correction:
 
 def flight(rng: Random) -> tuple[Flight, ImuSpec, Correction]:
     """A flight, the figures of its sensor, and the truth."""
-    figures = load_imu_spec(str(rng.choice(imu_parts())))
-    wrong, true = drawn(rng, figures), motion(rng)
+    imu_spec = load_imu_spec(str(rng.choice(imu_parts())))
+    wrong, true = drawn(rng, imu_spec), motion(rng)
     angular = np.gradient(true.gyro, true.t, axis=0, edge_order=2)
     felt = true.accel + np.cross(angular, wrong.lever_arm)
     felt += np.cross(true.gyro, np.cross(true.gyro, wrong.lever_arm))
@@ -77,8 +77,8 @@ def flight(rng: Random) -> tuple[Flight, ImuSpec, Correction]:
             step=step if coarse else 0.0,
         )
         for figure, bias, matrix, step in (
-            (figures.gyro, wrong.gyro_bias, put_right.gyro, 1e-3),
-            (figures.accel, wrong.accel_bias, put_right.accel, STANDARD_GRAVITY * 1e-3),
+            (imu_spec.gyro, wrong.gyro_bias, put_right.gyro, 1e-3),
+            (imu_spec.accel, wrong.accel_bias, put_right.accel, STANDARD_GRAVITY * 1e-3),
         )
     ]
     imu = simulate(ImuTrack(true.t + wrong.time_offset, true.gyro, felt), ImuModel(*sensors), rng)
@@ -102,7 +102,7 @@ def flight(rng: Random) -> tuple[Flight, ImuSpec, Correction]:
         compasses=(compass_of(true, rng, PLACE),),
         barometers=(barometer_of(true, rng),),
     )
-    return built, figures, wrong
+    return built, imu_spec, wrong
 
 
 def main() -> None:
@@ -122,10 +122,10 @@ def main() -> None:
 
 def judged(seed: int) -> tuple[tuple[Array, tuple[bool, ...]], tuple[Array, tuple[bool, ...]]]:
     """Errors of the figures in standard errors, and which are told: with the best estimate, and without."""
-    built, figures, wrong = flight(np.random.default_rng(seed))
+    built, imu_spec, wrong = flight(np.random.default_rng(seed))
     own = compare(built)
-    known = known_from(smooth(built).errors, figures, own.track)
-    found = [calibrate(own, figures, AUTOPILOT, known=one) for one in (known, None)]
+    known = known_from(smooth(built).errors, imu_spec, own.track)
+    found = [calibrate(own, imu_spec, AUTOPILOT, known=one) for one in (known, None)]
     both, alone = (((one.values - wrong.values) / one.sigma, one.observable) for one in found if one)
     return both, alone
 

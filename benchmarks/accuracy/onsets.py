@@ -139,12 +139,12 @@ def until(one: Flight, end: float) -> Flight:
 def told_after(onset: Onset, seed: int) -> tuple[float, str]:
     """How many seconds of the fault the verdict needed (infinite: more than were tried), and who else was suspect."""
     rng = np.random.default_rng(seed)
-    built, figures = flight(rng, Fault("healthy", "", (), none, lively=True))
+    built, imu_spec = flight(rng, Fault("healthy", "", (), none, lively=True))
     begin = built.start + HORIZON_S + float(rng.uniform(0.0, 3.0))
     spoilt = onset.spoil(built, begin, rng)
     blamed = ""
     for after in AFTER_S:
-        status = _status(until(spoilt, begin + after), figures)
+        status = _status(until(spoilt, begin + after), imu_spec)
         if status == onset.status:
             return after, blamed
         if status.endswith("suspect"):
@@ -152,20 +152,20 @@ def told_after(onset: Onset, seed: int) -> tuple[float, str]:
     return np.inf, blamed
 
 
-def _status(one: Flight, figures: ImuSpec) -> str:
-    return assess(one, figures).verdict.status
+def _status(one: Flight, imu_spec: ImuSpec) -> str:
+    return assess(one, imu_spec).verdict.status
 
 
 def alarms(seed: int) -> tuple[float, Counter[str], list[str]]:
     """A healthy flight listened to: seconds of verdicts, how many there were of each status, and the alarms' texts."""
     rng = np.random.default_rng(seed)
-    built, figures = flight(rng, Fault("healthy", "", (), none, lively=bool(seed % 2)))
+    built, imu_spec = flight(rng, Fault("healthy", "", (), none, lively=bool(seed % 2)))
     said: Counter[str] = Counter()
     told: list[str] = []
     suspect, before = False, None
     ends = np.arange(built.start + HORIZON_S, built.start + built.duration, PAUSE_S)
     for end in ends.tolist():
-        assessed = assess(until(built, end), figures, before=before)
+        assessed = assess(until(built, end), imu_spec, before=before)
         verdict, before = assessed.verdict, assessed.best
         said[verdict.status] += 1
         if verdict.status.endswith("suspect") and not suspect:

@@ -61,13 +61,17 @@ def motion(t: Array, rng: Random, *, lively: bool) -> Motion:
 
 def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight, ImuSpec]:
     """A flight without fault, and the figures of its sensor."""
-    figures = load_imu_spec(str(rng.choice(imu_parts())))
+    imu_spec = load_imu_spec(str(rng.choice(imu_parts())))
     t = 20.0 + np.arange(round(SECONDS * rate_hz)) / rate_hz
     true = fault.fly(t, rng) if fault.fly else motion(t, rng, lively=fault.lively)
     model = ImuModel(
-        gyro=_sensor(figures.gyro.noise_density, figures.gyro.residual_bias, figures.gyro.scale, 1e-3, rng),
+        gyro=_sensor(imu_spec.gyro.noise_density, imu_spec.gyro.residual_bias, imu_spec.gyro.scale, 1e-3, rng),
         accel=_sensor(
-            figures.accel.noise_density, figures.accel.residual_bias, figures.accel.scale, STANDARD_GRAVITY * 1e-3, rng
+            imu_spec.accel.noise_density,
+            imu_spec.accel.residual_bias,
+            imu_spec.accel.scale,
+            STANDARD_GRAVITY * 1e-3,
+            rng,
         ),
     )
     imu = replace(simulate(true.imu, model, rng), source="RAW_IMU")
@@ -97,7 +101,7 @@ def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight,
         compasses=(compass_of(true, rng, PLACE),),
         barometers=(barometer_of(true, rng),),
     )
-    return built, figures
+    return built, imu_spec
 
 
 def _sensor(noise: float, bias: float, scale: float, step: float, rng: Random) -> Sensor:
@@ -109,23 +113,23 @@ def _sensor(noise: float, bias: float, scale: float, step: float, rng: Random) -
     )
 
 
-def none(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
-    del figures, rng
+def none(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+    del imu_spec, rng
     return f, f.start, f.start + f.duration
 
 
-def gyro_bias(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def gyro_bias(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """17.5 mrad/s, twice what calibration leaves at most, about a random axis, from somewhere on."""
-    del figures
+    del imu_spec
     begin = rng.uniform(25, 70)
     direction = rng.normal(size=3)
     bias = 0.0175 * direction / np.linalg.norm(direction)
     return _changed(f, gyro=lambda imu: imu.gyro + bias * (imu.t >= begin)[:, None]), begin, f.start + f.duration
 
 
-def stuck_axis(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def stuck_axis(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """One gyro axis holds its reading for two seconds."""
-    del figures
+    del imu_spec
     begin, axis = rng.uniform(25, 90), int(rng.integers(2))  # a coning motion turns evenly about its third axis
 
     def held(imu: ImuTrack) -> Array:
@@ -137,9 +141,9 @@ def stuck_axis(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float,
     return _changed(f, gyro=held), begin, begin + 2
 
 
-def clipping(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def clipping(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """Shocks beyond the accelerometer's range for a tenth of a second."""
-    begin, full = rng.uniform(25, 90), figures.accel.full_scale
+    begin, full = rng.uniform(25, 90), imu_spec.accel.full_scale
 
     def shaken(imu: ImuTrack) -> Array:
         shock = rng.normal(0, 3 * full, imu.accel.shape) * ((imu.t >= begin) & (imu.t < begin + 0.1))[:, None]
@@ -148,9 +152,9 @@ def clipping(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, f
     return _changed(f, accel=shaken), begin, begin + 0.1
 
 
-def gps_glitch(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def gps_glitch(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The position is 10 m off for a while."""
-    del figures
+    del imu_spec
     begin, angle = rng.uniform(25, 70), rng.uniform(0, 2 * np.pi)
     end = begin + rng.uniform(5, 20)
     assert f.position
@@ -159,9 +163,9 @@ def gps_glitch(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float,
     return replace(f, position=replace(f.position, position=moved)), begin, end
 
 
-def yaw_reset(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def yaw_reset(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading steps by 15° and stays there."""
-    del figures
+    del imu_spec
     begin = rng.uniform(30, 90)
     assert f.attitude
     q, after = f.attitude.q_ned_frd.copy(), f.attitude.t >= begin
@@ -169,9 +173,9 @@ def yaw_reset(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, 
     return replace(f, attitude=replace(f.attitude, q_ned_frd=q)), begin, begin
 
 
-def orientation(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def orientation(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The board is turned by 90° about a random axis."""
-    del figures
+    del imu_spec
     axis = int(rng.integers(3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
@@ -180,49 +184,49 @@ def orientation(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float
     return spoilt, f.start, f.start + f.duration
 
 
-def askew(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def askew(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The board is turned by 45° about down, as AHRS_ORIENTATION 1 is."""
-    del figures, rng
+    del imu_spec, rng
     turn = quaternion.to_matrix(quaternion.exp(np.array([0, 0, np.radians(45)])))
     spoilt = _changed(f, gyro=lambda imu: imu.gyro @ turn.T, accel=lambda imu: imu.accel @ turn.T)
     return spoilt, f.start, f.start + f.duration
 
 
-def clocks(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def clocks(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The IMU's clock runs 0.5 % fast, and so 0.4 s away by the end."""
-    del figures, rng
+    del imu_spec, rng
     imu = f.imus["RAW_IMU"]
     return replace(f, imus={"RAW_IMU": replace(imu, t=f.start + (imu.t - f.start) * 1.005)}), f.start, f.start + SECONDS
 
 
-def attitude_drift(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def attitude_drift(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The autopilot's attitude turns away at 1°/s about some axis of the world, and stays there."""
-    del figures
+    del imu_spec
     begin, axis = rng.uniform(25, 70), rng.normal(size=3)
     assert f.attitude
     lasted = np.clip(f.attitude.t - begin, 0, 15)[:, None]
     return _turned(f, np.radians(1.0) * axis / np.linalg.norm(axis) * lasted), begin, begin + 15
 
 
-def heading_drift(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def heading_drift(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading turns away at 1°/s."""
-    del figures
+    del imu_spec
     begin = rng.uniform(25, 70)
     assert f.attitude
     lasted = np.clip(f.attitude.t - begin, 0, 15)[:, None]
     return _turned(f, np.radians(1.0) * np.array([0, 0, 1.0]) * lasted), begin, begin + 15
 
 
-def heading_off(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def heading_off(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading is 25° off throughout."""
-    del figures
+    del imu_spec
     turn = np.radians(25) * rng.choice([-1, 1])
     return _turned(f, np.array([0, 0, turn])), f.start, f.start + f.duration
 
 
-def position_creep(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def position_creep(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The position moves by 1.5 m/s for 15 s, and the velocity does not know."""
-    del figures
+    del imu_spec
     begin, angle = rng.uniform(25, 70), rng.uniform(0, 2 * np.pi)
     assert f.position
     lasted = np.clip(f.position.t - begin, 0, 15)[:, None]
@@ -230,18 +234,18 @@ def position_creep(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, fl
     return replace(f, position=replace(f.position, position=moved)), begin, begin + 15
 
 
-def trim(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def trim(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """A board trim of 2 to 6° that the log does not name."""
-    del figures
+    del imu_spec
     angle, about = np.radians(rng.uniform(2, 6)), rng.uniform(0, 2 * np.pi)
     turn = quaternion.to_matrix(quaternion.exp(angle * np.array([np.cos(about), np.sin(about), 0])))
     spoilt = _changed(f, gyro=lambda imu: imu.gyro @ turn.T, accel=lambda imu: imu.accel @ turn.T)
     return spoilt, f.start, f.start + f.duration
 
 
-def lever_arm(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def lever_arm(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The IMU sits 0.4 m off the body's origin."""
-    del figures
+    del imu_spec
     arm = rng.normal(size=3)
     arm *= 0.4 / np.linalg.norm(arm)
 
@@ -253,9 +257,9 @@ def lever_arm(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, 
     return _changed(f, accel=felt), f.start, f.start + f.duration
 
 
-def vibration(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def vibration(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """Motors shake the IMU by 20 to 60 m/s² and 0.5 rad/s at 60 to 250 Hz: a 20 Hz filter leaves some, which folds."""
-    del figures
+    del imu_spec
     t = f.imus["RAW_IMU"].t
     frequency = rng.uniform(60, 250)
     left = (20 / frequency) ** 2
@@ -267,9 +271,9 @@ def vibration(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, 
     return spoilt, f.start, f.start + f.duration
 
 
-def radio(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
+def radio(f: Flight, imu_spec: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """A radio loses 30 % of the packets in bursts of 0.05 to 0.55 s."""
-    del figures
+    del imu_spec
 
     def heard(t: Array) -> npt.NDArray[np.bool_]:
         return np.asarray(np.interp(t, times, lost) < 0.5)
@@ -353,15 +357,15 @@ def _changed(
 def judged(fault: Fault, seed: int, rate_hz: float = RATE_HZ, *, show: bool = False) -> tuple[bool, bool, str]:
     """Whether the status, and the kind with its interval, are right; and the status with its first finding."""
     rng = np.random.default_rng(seed)
-    built, figures = flight(rng, fault, rate_hz)
-    built, begin, end = fault.spoil(built, figures, rng)
-    verdict = assess(built, figures).verdict
+    built, imu_spec = flight(rng, fault, rate_hz)
+    built, begin, end = fault.spoil(built, imu_spec, rng)
+    verdict = assess(built, imu_spec).verdict
     right = not fault.kinds or any(
         f.kind in fault.kinds and f.start_s <= end + 2 and f.end_s >= begin - 2 for f in verdict.findings
     )
     said = verdict.findings[0].kind if verdict.findings else ""
     if show and not (right and verdict.status == fault.status):
-        print(f"seed {seed}, {figures.name}, {begin:.1f} to {end:.1f} s: {verdict.summary}")
+        print(f"seed {seed}, {imu_spec.name}, {begin:.1f} to {end:.1f} s: {verdict.summary}")
         for f in verdict.findings:
             print(f"    {f.severity} {f.kind} {f.start_s:.1f} to {f.end_s:.1f} s: {f.evidence}")
     return verdict.status == fault.status, right, f"{verdict.status} {said}"

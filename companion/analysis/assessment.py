@@ -60,7 +60,7 @@ class Assessment:
     judged: Comparison  # the same without what was measured out of control
     sets: tuple[Windows, ...]  # one for each row of the drift
     drift: Drift
-    figures: ImuSpec
+    imu_spec: ImuSpec
     autopilot: ReferenceSpec
     measured_noise: FlightDensity
     rests: tuple[Rest, ...]  # where the vehicle stood still
@@ -81,7 +81,7 @@ class Assessment:
 
     @cached_property
     def _expected_once(self) -> Callable[[int], Expected | None]:
-        return cache(lambda row: expected_over(self.comparison, self.sets[row], self.figures, self.autopilot))
+        return cache(lambda row: expected_over(self.comparison, self.sets[row], self.imu_spec, self.autopilot))
 
     @property
     def calibration(self) -> Calibration | None:
@@ -133,8 +133,8 @@ class Assessment:
             return None, None
 
         def fitted(errors: ConstantErrors | None, until: float = np.inf) -> Calibration | None:
-            known = None if errors is None else known_from(errors, self.figures, own.track)
-            return calibrate(own, self.figures, self.autopilot, horizon=num.JUDGED_S, until=until, known=known)
+            known = None if errors is None else known_from(errors, self.imu_spec, own.track)
+            return calibrate(own, self.imu_spec, self.autopilot, horizon=num.JUDGED_S, until=until, known=known)
 
         try:
             steady = best is not None and not any(_changes(one) for one in best.explained)
@@ -164,7 +164,7 @@ class Assessment:
 
 def assess(
     flight: Flight,
-    figures: ImuSpec,
+    imu_spec: ImuSpec,
     *,
     autopilot: ReferenceSpec | None = None,
     horizons: Sequence[float] = num.HORIZONS_S,
@@ -181,10 +181,10 @@ def assess(
     seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
     own = replace(seen, imus={**seen.imus, track.source: correction.apply(seen.imu(track.source))})
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
-    noise = noise_in_flight(seen, judged.track, figures, how.limits)
+    noise = noise_in_flight(seen, judged.track, imu_spec, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), figures, autopilot)
-    faults = reading_faults(seen, judged, figures)
+    allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), imu_spec, autopilot)
+    faults = reading_faults(seen, judged, imu_spec)
     faults = [f for f in faults if f.end_s > aligned_at(parts)]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
@@ -196,10 +196,10 @@ def assess(
     faults += [*more, *frozen]
     turned = turned_others(seen, judged.track, faults, best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
-    all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants, turned)
-    all_findings = when_lost(all_findings, flight, track, parts, figures)
+    all_findings, clean = findings(flight, judged, allowed, imu_spec, noise, autopilot, faults, best, constants, turned)
+    all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
     third = best if best is not None and _independent(best) else None
-    usual = figures if third is None else in_flight(figures, third)
+    usual = imu_spec if third is None else in_flight(imu_spec, third)
     drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
@@ -212,10 +212,10 @@ def assess(
         judged=judged,
         sets=sets,
         drift=drift,
-        figures=figures,
+        imu_spec=imu_spec,
         autopilot=autopilot,
         measured_noise=noise,
-        rests=rests(seen, judged.track, figures),
+        rests=rests(seen, judged.track, imu_spec),
         autopilot_bias=autopilot_bias(seen, judged.track),
         agreements=agreements,
         verdict=decide([agreements[h] for h in num.AGREEING_S], all_findings, third, track.source, by_side, by_flight),
@@ -306,7 +306,7 @@ def _independent(best: BestEstimate) -> bool:
     return not {"gps_position", "compass"}.isdisjoint(best.residuals)
 
 
-def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
+def in_flight(imu_spec: ImuSpec, best: BestEstimate) -> ImuSpec:
     """The part's figures with the noise that it has in this flight, over seconds, and with what is left of its bias
     where the estimated one is taken off: what is not known of it, and what changes as the part warms.
 
@@ -325,9 +325,9 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
 
     noise, lasting = best.noise, best.correlated
     return replace(
-        figures,
-        gyro=left(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, healthy.WARMING_BIAS[0]),
-        accel=left(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, healthy.WARMING_BIAS[1]),
+        imu_spec,
+        gyro=left(imu_spec.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, healthy.WARMING_BIAS[0]),
+        accel=left(imu_spec.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, healthy.WARMING_BIAS[1]),
     )
 
 

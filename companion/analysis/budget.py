@@ -246,11 +246,11 @@ class Expected:
 
 
 def expected_over(
-    comparison: Comparison, chosen: Windows, figures: ImuSpec, autopilot: ReferenceSpec
+    comparison: Comparison, chosen: Windows, imu_spec: ImuSpec, autopilot: ReferenceSpec
 ) -> Expected | None:
     if not len(chosen.start):
         return None
-    allowed = budget(comparison, chosen, figures, autopilot)
+    allowed = budget(comparison, chosen, imu_spec, autopilot)
     error, total = stacked(comparison, chosen), allowed.total
     blocks = _BLOCKS if comparison.has_position else {"attitude": ATTITUDE}
     sigma = {name: float(np.median(allowed.sigma(block))) for name, block in blocks.items()}

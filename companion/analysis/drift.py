@@ -190,11 +190,11 @@ def each_imu(
     )
 
 
-def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
+def _redundant(comparison: Comparison, imu_spec: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
     chosen = windows(comparison, num.JUDGED_S)
     inside: dict[str, float] = {}
     if len(chosen.start):
-        total = budget(comparison, chosen, figures, autopilot).total
+        total = budget(comparison, chosen, imu_spec, autopilot).total
         error = stacked(comparison, chosen)
         blocks = {"attitude": ATTITUDE, "position": POSITION} if comparison.has_position else {"attitude": ATTITUDE}
         inside = {

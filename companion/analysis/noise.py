@@ -81,7 +81,7 @@ class ImuNoise:
     imu: str
     rate_hz: float
     sampling: Sampling
-    figures: ImuSpec  # the data sheet's
+    imu_spec: ImuSpec  # the data sheet's
     rests: tuple[RestNoise, ...]  # those of two minutes or more, else the longest if it has ten seconds
     flight: FlightNoise | None  # None where no part of the flight is long enough
     notes: tuple[str, ...]
@@ -92,7 +92,7 @@ class ImuNoise:
         return max(self.rests, key=lambda rest: rest.duration_s, default=None)
 
 
-def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> ImuNoise:
+def imu_noise(flight: Flight, imu: str, imu_spec: ImuSpec, limits: Limits) -> ImuNoise:
     """The noise of the IMU message `imu` of a flight.
 
     Raises DataError when the flight lacks it, or when it neither rests for ten seconds nor has a stretch without gaps
@@ -100,7 +100,7 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
     """
     track = flight.imu(imu)
     gap = limits.longest_step(track.t)
-    still = rests(flight, track, figures)
+    still = rests(flight, track, imu_spec)
     chosen = _chosen(still)
     sampling = _sampling(track, chosen, gap)
     resting = tuple(
@@ -113,7 +113,7 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
             f"{check.SHORT_REST_S:g} s and no stretch without a gap that is long enough for a "
             f"spectrum. {flight.how_to_record}."
         )
-    noise = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
+    noise = ImuNoise(track.source, track.rate_hz, sampling, imu_spec, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
 
 
@@ -125,9 +125,9 @@ class FlightDensity:
     accel: float | None  # m/s²/√Hz
 
 
-def noise_in_flight(flight: Flight, track: ImuTrack, figures: ImuSpec, limits: Limits) -> FlightDensity:
+def noise_in_flight(flight: Flight, track: ImuTrack, imu_spec: ImuSpec, limits: Limits) -> FlightDensity:
     """What `imu_noise` says of the flight, without what takes long there. None where the steps hide every axis."""
-    still, gap = rests(flight, track, figures), limits.longest_step(track.t)
+    still, gap = rests(flight, track, imu_spec), limits.longest_step(track.t)
     sampling, flown = _sampling(track, _chosen(still), gap), _only(track, _flown(flight, track, still))
 
     def worst(white: WhiteNoise | None) -> float | None:
@@ -239,7 +239,7 @@ def _quantisation_notes(rest: RestNoise | None) -> Iterator[str]:
 def _quiet_notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     """Axes that never change, or change less than any sensor does."""
     for sensor, values, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
-        sheet = getattr(noise.figures, sensor).noise_density
+        sheet = getattr(noise.imu_spec, sensor).noise_density
         spread = values.std(axis=0)
         for i in np.flatnonzero(spread < healthy.TOO_QUIET * sheet * np.sqrt(noise.rate_hz)):
             between = f"{values[:, i].min():.6g} to {values[:, i].max():.6g}" if spread[i] else f"{values[0, i]:.6g}"
@@ -268,7 +268,7 @@ class SensorModel:
 
 def noise_model(noise: ImuNoise) -> tuple[SensorModel, SensorModel]:
     """Gyro and accelerometer. An upper bound replaces the data sheet's figure only where it is smaller than that."""
-    return _sensor(noise, "gyro", noise.figures.gyro), _sensor(noise, "accel", noise.figures.accel)
+    return _sensor(noise, "gyro", noise.imu_spec.gyro), _sensor(noise, "accel", noise.imu_spec.accel)
 
 
 def _sensor(noise: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorSpec) -> SensorModel:
@@ -299,4 +299,4 @@ def _worst(axes: list[Coefficient], sheet: float, rest: RestNoise | None, noise:
     bound = max((axis.high for axis in axes), default=np.inf)
     if bound < sheet:
         return ModelFigure(bound, "upper bound of a rest that is too short or too coarse to show more", measured=True)
-    return ModelFigure(sheet, f"not seen in this flight: that of {noise.figures.name}", measured=False)
+    return ModelFigure(sheet, f"not seen in this flight: that of {noise.imu_spec.name}", measured=False)

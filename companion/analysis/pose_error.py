@@ -114,7 +114,7 @@ class Expectation:
 
 
 def expected_since_anchor(
-    comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec, shown: Replay
+    comparison: Comparison, imu_spec: ImuSpec, autopilot: ReferenceSpec, shown: Replay
 ) -> Expectation | None:
     """What the budget allows `shown` to be off by: a replay of the track that is compared, integrated alike.
 
@@ -131,7 +131,7 @@ def expected_since_anchor(
     times = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
     end = np.maximum(nearest(t, times.ravel()), start)
-    allowed = budget(comparison, Windows(0.0, start, end, {}), figures, autopilot)
+    allowed = budget(comparison, Windows(0.0, start, end, {}), imu_spec, autopilot)
     times = t[end].reshape(times.shape).copy()
     times[:-1, -1] -= 1e-6  # the last before the next anchor
     times, first = np.unique(times.ravel(), return_index=True)
@@ -147,7 +147,7 @@ def expected_by_age(assessment: Assessment, ages_s: Sequence[float]) -> Array:
     rows = []
     for age in ages_s:
         one = expected_over(
-            assessment.comparison, windows(assessment.comparison, age), assessment.figures, assessment.autopilot
+            assessment.comparison, windows(assessment.comparison, age), assessment.imu_spec, assessment.autopilot
         )
         if one is not None:
             rows.append((age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0))

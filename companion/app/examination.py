@@ -111,7 +111,7 @@ def examine(
 
     >>> import companion as c
     >>> examined = c.examine(c.open_log("tlogs/copter-demo-100hz.tlog")[0], imu="SCALED_IMU2")
-    >>> examined.assessment.verdict.status, examined.assessment.figures.name
+    >>> examined.assessment.verdict.status, examined.assessment.imu_spec.name
     ('consistent', 'generic-mems')
     >>> [(other.imu, other.drift.windows) for other in examined.redundant_imus]
     [('RAW_IMU', 20), ('SCALED_IMU2', 19)]
@@ -120,7 +120,7 @@ def examine(
     with _cannot_tell():
         chosen: dict[str, Any] = {"imu": imu, "imu_model": imu_model, "correction": correction, "how": how}
         assessment = assess_imu(flight, settings, confusion=confusion, **chosen)
-        own, spec, autopilot = assessment.comparison, assessment.figures, autopilot_of(settings, flight)
+        own, spec, autopilot = assessment.comparison, assessment.imu_spec, autopilot_of(settings, flight)
         aligned = align(flight, own, spec, autopilot) if anchor == "rest" else None
     file = None if correction is None else str(correction)
     return Examination(flight, assessment, settings, imu_model, file, aligned)

@@ -97,7 +97,7 @@ def imu_model_text(noise: ImuNoise, origin: str) -> str:
 
     Raises InputError and SettingsError as `load_imu_spec`.
     """
-    base = _load(noise.figures.name)
+    base = _load(noise.imu_spec.name)
     lines = [
         f"name = {_quoted(f'{noise.imu} of {origin}')}",
         f"datasheet = {_quoted(f'noise measured; the rest is that of {base.name}')}",

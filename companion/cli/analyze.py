@@ -113,7 +113,7 @@ def _everything(examined: Examination) -> Iterator[str | Table]:
         f"IMU:       {drift.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {counted(gaps, 'gap')}" if gaps else "")
     )
-    yield f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})"
+    yield f"IMU noise model: {assessment.imu_spec.name} ({escape(assessment.imu_spec.reason)})"
     yield from sensor_lines.noise_lines(assessment)
     yield sensor_lines.autopilot_line(assessment)
     yield f"Reference: {reference_line(flight)}"

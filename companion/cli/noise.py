@@ -115,7 +115,7 @@ def _lines(noises: list[ImuNoise], refused: dict[str, str]) -> Iterator[str | Ta
 
 
 def _head(noise: ImuNoise) -> Iterator[str]:
-    sampling, sheet = noise.sampling, noise.figures
+    sampling, sheet = noise.sampling, noise.imu_spec
     yield f"IMU noise model: {escape(sheet.name)} ({escape(sheet.reason)})"
     source = {"log": "by the log", "spectrum": "by its spectrum at rest", "assumed": "assumed"}[sampling.source]
     if sampling.confirmed is not None:
@@ -149,7 +149,7 @@ def _in_flight(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]:
     yield f"\nIn flight, {flight.duration_s:.0f} s: white noise, read at {low:.0f}-{high:.0f} Hz"
     shown = tables.table("", "", "N /√Hz", "data sheet", "times", left=2)
     for sensor in SENSORS:
-        white, sheet = getattr(flight, sensor.key), getattr(noise.figures, sensor.key).noise_density
+        white, sheet = getattr(flight, sensor.key), getattr(noise.imu_spec, sensor.key).noise_density
         for i, name in enumerate("xyz"):
             stated, ratio = fixed(sheet * sensor.factor), f"{white.sampled[i] / sheet:.1f}"
             shown.add_row(f"{sensor.key} {name}", sensor.unit, density(white, i, sensor.factor), stated, ratio)

@@ -23,7 +23,7 @@ def noise_lines(assessment: Assessment) -> Iterator[str]:
         return
     for sensor in SENSORS:
         resting = [getattr(rest, f"{sensor.key}_noise") for rest in assessment.rests]
-        sheet, moving = getattr(assessment.figures, sensor.key).noise_density, getattr(flying, sensor.key)
+        sheet, moving = getattr(assessment.imu_spec, sensor.key).noise_density, getattr(flying, sensor.key)
         parts = [f"{fixed(sheet * sensor.factor)} {sensor.unit}/√Hz expected"]
         if still := [density for density in resting if density is not None]:
             parts.append(f"{fixed(min(still) * sensor.factor)} at rest")

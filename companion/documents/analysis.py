@@ -78,7 +78,7 @@ def analysis_document(source: Source, examined: Examination) -> Document:
         notes=[*examined.flight.notes, *table.notes],
         drift=[_drift(row, expected) for row, expected in rows],
         figures={
-            **of(assessment.figures, "name", "reason"),
+            **of(assessment.imu_spec, "name", "reason"),
             "measured_gyro_noise": noise.gyro,
             "measured_accel_noise": noise.accel,
         },

@@ -19,7 +19,7 @@ def noise_document(source: Source, flight: Flight, noises: Sequence[ImuNoise]) -
 
 
 def _imu(noise: ImuNoise) -> Document:
-    sampling, sheet, rate = noise.sampling, noise.figures, noise.rate_hz
+    sampling, sheet, rate = noise.sampling, noise.imu_spec, noise.rate_hz
     filtered = sampling.kind == "filtered"
     share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), rate, sampling)[0]) if filtered else None
     return {

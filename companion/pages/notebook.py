@@ -114,7 +114,7 @@ def show(
                 "an Examination is shown as it was examined: give imu, imu_model, correction and anchor to examine, "
                 "or show its flight."
             )
-        spec = examined.assessment.figures
+        spec = examined.assessment.imu_spec
         imu_model = spec.name if spec.reason == REQUESTED else None
         correction = examined.correction
         anchor = "rest" if examined.alignment is not None else anchor

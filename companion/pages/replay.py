@@ -95,7 +95,7 @@ class Answers:
         )
         anchored = self._anchored(flight, choice, with_result(display, result))
         shown = display.replay if anchored is None else anchored
-        expected = expected_since_anchor(comparison, assessment.figures, assessment.autopilot, shown)
+        expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
         return replace(result, expected=expected, replay=anchored)
 
     def _anchored(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Replay | None:
@@ -236,24 +236,24 @@ def _key(flight: Flight, choice: ReplayChoice) -> tuple[object, ...]:
 def _noise_of(flight: Flight, assessment: Assessment) -> ImuNoise | None:
     comparison = assessment.comparison
     try:
-        return imu_noise(flight, comparison.track.source, assessment.figures, comparison.how.limits)
+        return imu_noise(flight, comparison.track.source, assessment.imu_spec, comparison.how.limits)
     except DataError:
         return None
 
 
 def _calibrated(assessment: Assessment, horizon_s: float) -> Expected | None:
     """What windows may be off by once the biases that the flight tells are taken off; None where it tells none."""
-    fit, figures = assessment.calibration, assessment.figures
+    fit, imu_spec = assessment.calibration, assessment.imu_spec
     rows = [i for i, one in enumerate(assessment.drift.rows) if one.horizon_s == horizon_s]
     if fit is None or assessment.made_worse or not rows:
         return None
     gyro, accel = (float((fit.sigma[axes] ** 2).mean() ** 0.5) for axes in (slice(0, 3), slice(3, 6)))
     own = replace(
-        figures,
-        gyro=replace(figures.gyro, residual_bias=min(gyro, figures.gyro.residual_bias)),
-        accel=replace(figures.accel, residual_bias=min(accel, figures.accel.residual_bias)),
+        imu_spec,
+        gyro=replace(imu_spec.gyro, residual_bias=min(gyro, imu_spec.gyro.residual_bias)),
+        accel=replace(imu_spec.accel, residual_bias=min(accel, imu_spec.accel.residual_bias)),
     )
-    return replace(assessment, figures=own).expected_of(rows[0])
+    return replace(assessment, imu_spec=own).expected_of(rows[0])
 
 
 def _correction_of(assessment: Assessment) -> Correction | None:

@@ -101,7 +101,7 @@ def budget(subject: Subject) -> str:
         "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
         rows=len(panels),
     )
-    spec, noise = assessment.figures, assessment.measured_noise
+    spec, noise = assessment.imu_spec, assessment.measured_noise
     lines = [f"IMU noise model: {spec.name} ({spec.reason})."]
     densities = ((noise.gyro, "rad/s/√Hz"), (noise.accel, "m/s²/√Hz"))
     if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in densities if density is not None):

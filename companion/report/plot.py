@@ -23,7 +23,7 @@ def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
     """
     expected = None
     if assessment is not None:
-        expected = expected_since_anchor(assessment.comparison, assessment.figures, assessment.autopilot, shown)
+        expected = expected_since_anchor(assessment.comparison, assessment.imu_spec, assessment.autopilot, shown)
     panels = error_panels(shown, expected, palette.IMU)
     return _figure(stack(panels, TIME), 60 + 190 * len(panels))
 

@@ -15,7 +15,7 @@ def sections(subject: Subject) -> list[Section]:
     if any(part.kind in ("flight", "impact") for part in phases(flight)):
         return []
     try:
-        result = preflight(flight, lambda _: subject.assessment.figures)
+        result = preflight(flight, lambda _: subject.assessment.imu_spec)
     except DataError:
         return []
     body = paragraph(preflight_headline(result))

@@ -110,7 +110,7 @@ def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, s
     return [
         ("IMU", assessment.drift.imu),
         ("integration", f"{method_words(how.method, how.middle)}, gravity {how.gravity:.5f} m/s²"),
-        ("IMU noise model", f"{assessment.figures.name} ({assessment.figures.reason})"),
+        ("IMU noise model", f"{assessment.imu_spec.name} ({assessment.imu_spec.reason})"),
         ("correction", correction or "none"),
     ]
 

@@ -102,9 +102,9 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
         why = str(error)
     expected = None
     if shown is not None:
-        expected = expected_since_anchor(comparison, assessment.figures, assessment.autopilot, shown)
+        expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
     try:
-        noise: ImuNoise | str = imu_noise(flight, track.source, assessment.figures, how.limits)
+        noise: ImuNoise | str = imu_noise(flight, track.source, assessment.imu_spec, how.limits)
     except DataError as error:
         noise = str(error)
     return Subject(examined, source, settings, charts, shown, why, expected, noise)

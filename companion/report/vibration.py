@@ -19,7 +19,7 @@ def noise(subject: Subject) -> str:
         return paragraph(f"Not known: {measured}")
     rows = []
     for sensor in SENSORS:
-        sheet = short(getattr(measured.figures, sensor.key).noise_density * sensor.factor)
+        sheet = short(getattr(measured.imu_spec, sensor.key).noise_density * sensor.factor)
         resting = getattr(measured.rest, f"{sensor.key}_axes", (None, None, None))
         flying = getattr(measured.flight, sensor.key) if measured.flight else None
         for i, (axis, _) in enumerate(AXES):
@@ -34,7 +34,7 @@ def noise(subject: Subject) -> str:
 
 def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
     panels = [
-        traces.Panel(f"{key}, {unit}", _curves(curve, getattr(measured.figures, key).noise_density), {"type": "log"})
+        traces.Panel(f"{key}, {unit}", _curves(curve, getattr(measured.imu_spec, key).noise_density), {"type": "log"})
         for key, unit in (("gyro", "rad/s"), ("accel", "m/s²"))
         if ((curve := getattr(rest, key)).deviation > 0).any()
     ]
@@ -42,7 +42,7 @@ def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
         return ""
     caption = (
         f"Overlapping Allan deviation of {measured.imu} over a rest of {rest.duration_s:.0f} s "
-        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {measured.figures.name}, which falls "
+        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {measured.imu_spec.name}, which falls "
         "as 1/√τ; where the curve turns flat is the bias instability, where it rises the random walk."
     )
     return subject.charts.add(traces.stack(panels, "averaging time τ, s", type="log"), caption, rows=3)
@@ -64,7 +64,7 @@ _FEWEST_HZ = 20.0
 
 def spectra(subject: Subject) -> str:
     """Power spectral densities beside the sensor's own noise."""
-    comparison, spec = subject.comparison, subject.assessment.figures
+    comparison, spec = subject.comparison, subject.assessment.imu_spec
     spectrum = imu_spectrum(comparison.track, subject.longest_step)
     if spectrum is None:
         return paragraph("Not drawn: no stretch without a gap is long enough for a spectrum (32 samples).")

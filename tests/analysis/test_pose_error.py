@@ -77,7 +77,7 @@ def found() -> c.Assessment:
 
 def test_it_begins_at_each_anchor_and_grows_to_what_was_assessed(found: c.Assessment) -> None:
     shown = replay(FLIGHT, reanchor_s=10.0)
-    expected = expected_since_anchor(found.comparison, found.figures, found.autopilot, shown)
+    expected = expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, shown)
     assert expected
     assert (np.diff(expected.t) > 0).all()
     _, _, position = expected.lengths
@@ -93,9 +93,9 @@ def test_it_begins_at_each_anchor_and_grows_to_what_was_assessed(found: c.Assess
 def test_a_free_run_goes_beyond_what_a_linear_budget_can_say(found: c.Assessment) -> None:
     free = replay(FLIGHT, reanchor_s=None)
     assert free.t[-1] - free.t[0] < 120
-    assert expected_since_anchor(found.comparison, found.figures, found.autopilot, free)
+    assert expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, free)
     often = replay(FLIGHT, reanchor_s=0.1)
-    assert expected_since_anchor(found.comparison, found.figures, found.autopilot, often) is None
+    assert expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, often) is None
 
 
 def test_by_age_it_is_what_the_drift_table_expects(found: c.Assessment) -> None:

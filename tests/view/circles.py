@@ -67,7 +67,7 @@ def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) ->
     seen = with_track(flight, display.track or flight.imu(choice.imu))
     found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
     over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
-    expected = expected_since_anchor(found.comparison, found.figures, found.autopilot, display.replay)
+    expected = expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, display.replay)
     return AnalysisResult(found, over, choice.horizon_s, expected=expected)
 
 

@@ -164,7 +164,7 @@ def test_the_noise_charts_are_the_spectrum_and_the_allan_deviation() -> None:
         gyro=replace(GENERIC.gyro, noise_density=np.radians(0.02)),
         accel=replace(GENERIC.accel, noise_density=50e-6 * STANDARD_GRAVITY),
     )
-    for i, chart in enumerate(noise_lines(replace(shaking, figures=sheets))):
+    for i, chart in enumerate(noise_lines(replace(shaking, imu_spec=sheets))):
         assert chart is not None
         line = chart[-1] * (np.sqrt(chart[0]) if i > 1 else 1.0)  # N/√τ is the deviation of white noise
         np.testing.assert_allclose(line, 50.0 if i % 2 else 20.0)  # µg/√Hz, mdps/√Hz

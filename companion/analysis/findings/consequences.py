@@ -22,7 +22,7 @@ from companion.model import Flight, ImuTrack, Phase, Series
 
 
 def when_lost(
-    all_findings: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], figures: ImuSpec
+    all_findings: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], imu_spec: ImuSpec
 ) -> tuple[Finding, ...]:
     """The findings of a flight, with what tells that control was lost and without what came of that.
 
@@ -44,7 +44,7 @@ def when_lost(
         clipping: Iterable[Finding] = ()
         if track is not None:
             falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
-            clipping = reading_findings(falling, flight.require_attitude(), figures) if len(falling) > 1 else ()
+            clipping = reading_findings(falling, flight.require_attitude(), imu_spec) if len(falling) > 1 else ()
         tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
         out += [_control_lost(flight, part, tumbling), *(_as_consequence(f) for f in tumbling)]
     return by_severity((*out, *kept))

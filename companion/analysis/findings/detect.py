@@ -100,10 +100,10 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
 _ARMING = ("armed", "disarmed")
 
 
-def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> list[Finding]:
+def reading_faults(flight: Flight, comparison: Comparison, imu_spec: ImuSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
     track = comparison.track
-    faults = [*reading_findings(track, flight.require_attitude(), figures, flight.armed(track.t, track.t))]
+    faults = [*reading_findings(track, flight.require_attitude(), imu_spec, flight.armed(track.t, track.t))]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     faults += stuck_findings(comparison, others)
     faults += meaning_findings(flight, comparison)
@@ -156,7 +156,7 @@ def findings(
     flight: Flight,
     comparison: Comparison,
     allowed: Expected | None,
-    figures: ImuSpec,
+    imu_spec: ImuSpec,
     noise: FlightDensity,
     autopilot: ReferenceSpec,
     faults: Sequence[Finding],
@@ -180,7 +180,7 @@ def findings(
         for f in jump_findings(comparison, flight)
     ]
     all_findings += [*outage_findings(flight, comparison.track.t, comparison.gaps), *receiver_findings(flight)]
-    all_findings += noise_findings(comparison, noise, figures, allowed)
+    all_findings += noise_findings(comparison, noise, imu_spec, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
     all_findings += (
@@ -190,7 +190,7 @@ def findings(
     )
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
-    fitted = installation(comparison, raw, figures, autopilot, np.inf)
+    fitted = installation(comparison, raw, imu_spec, autopilot, np.inf)
     if (
         fitted is not None
         and best is not None

@@ -125,7 +125,7 @@ def noise_lines(noise: ImuNoise | None) -> list[tuple[Array, ...] | None]:
     """
     if noise is None:
         return [None] * len(NOISE_TITLES)
-    gyro, accel = noise.figures.gyro.noise_density, noise.figures.accel.noise_density
+    gyro, accel = noise.imu_spec.gyro.noise_density, noise.imu_spec.accel.noise_density
     spectrum, rest = noise.flight.spectrum if noise.flight else None, noise.rest
     return [
         _spectrum(spectrum.frequency_hz, spectrum.gyro, gyro, _MDPS) if spectrum else None,
