@@ -140,7 +140,16 @@ def _of_interval(
         worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
         misled = tuple(str(d) for d in worst.values())
         evidence += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
-    if why:
+    shown_kind = interval.kind
+    if why.startswith("cannot tell") and no_fault and harmed:
+        shown_kind = f"{consequences[0].quantity}_off"
+        share = percent(1.0 - likelihoods(interval)["nobody"])
+        side, severity, headline = "data", "warning", ""
+        evidence = (
+            f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it: "
+            f"{described(interval, best)} is one with {share}"
+        )
+    elif why:
         side, severity, headline = "data", "warning", ""
         evidence = f"{'perhaps ' if would_tell else ''}{evidence}; {why}"
     elif no_fault and not harmed:
@@ -152,7 +161,7 @@ def _of_interval(
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or kind_of(interval.kind).advice
     return Finding(
-        interval.kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
+        shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
 
 
