@@ -1,6 +1,7 @@
 """How many windows of a flight are inside what is expected of them, as the verdict judges them.
 
-A log without windows that can be judged: whether the best estimate speaks for them, and what it would have shown.
+Also here: a log without windows that can be judged: whether the best estimate speaks for them, and what it would have
+shown.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def agreement(
     autopilot: ReferenceSpec,
     within: Sequence[tuple[float, float]],
 ) -> Agreement:
-    """Of the windows of one length within spans (s) that are judged; told: with the IMU's known errors removed."""
+    """Of the windows of one length within spans (s) that are judged; corrected: with the IMU's known errors removed."""
     chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
     expected = expected_over(corrected, chosen, usual, autopilot)
     return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})

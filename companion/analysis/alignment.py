@@ -3,7 +3,7 @@
 Roll and pitch are those that put the mean specific force upright, the gyro's bias is its mean reading, and the heading
 comes from the magnetometer where its declination is known, else from the autopilot: gravity says nothing about it.
 
-Where a vehicle stood still: what its IMU alone says about its tilt, its gyro bias and its noise.
+Also here: where a vehicle stood still: what its IMU alone says about its tilt, its gyro bias and its noise.
 
 An IMU cannot tell rest from even flight, and a simulated hover is quieter than a real bench. So the readings have to be
 as quiet as this IMU gets, gravity has to be all that they feel, and what the autopilot knows must not speak against it:

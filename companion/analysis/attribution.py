@@ -40,7 +40,7 @@ from companion.estimation import (
 from companion.model import SensorInUse, words
 
 
-def is_serious(interval: FaultInterval) -> bool:
+def may_be_fault(interval: FaultInterval) -> bool:
     """Whether an IMU's error is a fault; a sensor's is one where it misled the autopilot, which this does not say."""
     kind = kind_of(interval.kind)
     least = harmful(kind, "step", interval.imu)
@@ -116,7 +116,7 @@ def _of_interval(
     misleads = any(d.size >= check.CERTAIN_SIGMAS * d.sigma for d in consequences)
     severity: Severity = "warning" if harmed else "info"
     no_fault = likelihoods(interval).get("nobody", 0.0) >= priors.ACCUSED
-    if misleads or (is_serious(interval) and (harmed or (interval.side == "imu" and not no_fault))):
+    if misleads or (may_be_fault(interval) and (harmed or (interval.side == "imu" and not no_fault))):
         severity = "error"
     if severity == "info" and not is_sized(interval, best):
         return None

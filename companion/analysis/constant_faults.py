@@ -5,7 +5,8 @@ part in order or, rarely, of one that is broken, wrongly calibrated or of wrong 
 and the probability of the second is Bayes'. All IMUs of a vehicle are weighed together: what all of them read alike is
 likelier an error of the estimate, by which all are measured, than the same fault of each.
 
-The best estimate's figures of an IMU's lasting errors, as a calibration has them, and its trajectory as a judge.
+Also here: the best estimate's figures of an IMU's lasting errors, as a calibration has them, and its trajectory as a
+judge.
 """
 
 from __future__ import annotations

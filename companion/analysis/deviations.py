@@ -1,6 +1,7 @@
 """Where the autopilot's own estimate leaves the best estimate further than both may be off, and what would be seen.
 
-What is known of the autopilot's own estimate: how far it was off, and the biases that it takes off the readings.
+Also here: what is known of the autopilot's own estimate: how far it was off, and the biases that it takes off the
+readings.
 """
 
 from __future__ import annotations

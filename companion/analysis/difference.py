@@ -1,6 +1,7 @@
 """Two assessments side by side: what drifts more, what is expected, found and fitted, and what of it is no chance.
 
-How far one set of values lies above another, and how sure that is: Hodges and Lehmann's shift with its interval.
+Also here: how far one set of values lies above another, and how sure that is: Hodges and Lehmann's shift with its
+interval.
 
 Of all differences between the two sets the median is the estimate; the interval is between the two differences that
 the distribution of Mann and Whitney's U (paired: Wilcoxon's signed rank) puts at its ends. Neither assumes a

@@ -4,7 +4,7 @@ For each horizon the flight is cut into windows end to end. Each window starts f
 sample (the anchor), is integrated by itself, and is held against the autopilot at its end. This is the relative pose
 error (RPE) of trajectory evaluation, with time as the step.
 
-Every IMU of a flight through the same windows.
+Also here: every IMU of a flight through the same windows.
 """
 
 from __future__ import annotations

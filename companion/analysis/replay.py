@@ -1,6 +1,6 @@
 """The flight twice on one time axis: as the autopilot had it and as the IMU alone would have it.
 
-The IMU left alone since an anchor, carried on as samples arrive: what re-anchoring hides.
+Also here: the IMU left alone since an anchor, carried on as samples arrive: what re-anchoring hides.
 """
 
 from __future__ import annotations

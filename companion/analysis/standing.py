@@ -10,9 +10,9 @@ u: its size as measured while the piece still had its onset, d: the sensor's err
 is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
 (noise, a deviation of the estimate) is over when enough has been judged in which it would have been found.
 
-Whether an IMU reads what it is accused of: what has only begun may be taken for something that cannot be.
+Also here: whether an IMU reads what it is accused of: what has only begun may be taken for something that cannot be.
 
-What an IMU reads too much by a piece of a flight: before a time, and at its end.
+Also here: what an IMU reads too much by a piece of a flight: before a time, and at its end.
 """
 
 from __future__ import annotations

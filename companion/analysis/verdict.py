@@ -1,6 +1,6 @@
 """Which of the two is wrong: the sentence above everything that the analysis says about one IMU of a flight.
 
-Faults that would do harm and that a flight is too short, too calm or too noisy to show.
+Also here: faults that would do harm and that a flight is too short, too calm or too noisy to show.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`companion analyze --json` and `companion compare --json` (docs/json.md).
 
-The confusion matrix of faults in `companion analyze --json` (docs/json.md).
+Also here: the confusion matrix of faults in `companion analyze --json` (docs/json.md).
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 An explanation has a few unknown numbers u (a step of the gyro's bias: three) that would change the residuals of some
 factors by S u from its onset on.
 
-How the size of what went wrong is said in words: the phrases that the rows of `explanations.KINDS` are made of.
+Also here: how the size of what went wrong is said in words: the phrases that the rows of `explanations.KINDS` are made
+of.
 """
 
 from __future__ import annotations

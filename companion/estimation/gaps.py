@@ -5,7 +5,7 @@ unknown time in an interval g the integral is uncertain by D g / √12, and as m
 are D. Across a gap it may also have gone and come back: D is no less than what the track changes by elsewhere in
 such a time (its structure function). In a long gap the estimate begins anew.
 
-What readings at the end of an accelerometer's range take from a velocity, by the vehicle's own counters.
+Also here: what readings at the end of an accelerometer's range take from a velocity, by the vehicle's own counters.
 """
 
 from __future__ import annotations

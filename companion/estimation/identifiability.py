@@ -6,7 +6,7 @@ size. The minimal identifiable bias is the size whose side is accused in 95 % of
 S. Zaminpardaz, P. J. G. Teunissen 2019). What an undetected fault does to the states, dx = (J' W J)⁻¹ J' W S u, is the
 external reliability (W. Baarda 1968).
 
-Data sets of a linear problem: noise as it states it, and faults of size one, at known times.
+Also here: data sets of a linear problem: noise as it states it, and faults of size one, at known times.
 
 A data set is what all factors read: the residuals of the motion and of every sensor, those of the priors, and what
 other IMUs read more. The solution, and every score, is linear in it.

@@ -180,11 +180,15 @@ def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:
     return turn
 
 
+_MATRICES = slice(CONSTANTS["gyro_matrix"][0].start, CONSTANTS["accel_matrix"][0].stop)
+"""Scale and misalignment of both sensors among the constants of a flight."""
+
+
 def _shift(path: CarriedImu, states: States, turn: Array) -> Array:
     """(K-1, 9) in NED: what attitude, velocity and position gain as the states' biases are not those of the path."""
     bias = np.concatenate((states.gyro_bias[:-1] - path.bias[0], states.accel_bias[:-1] - path.bias[1]), axis=1)
     shift = path.transition[:, :9, 9:] @ bias[..., None]
-    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ states.constants[12:30])[..., None]
+    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ states.constants[_MATRICES])[..., None]
     return np.asarray((turn[:, :9, :9] @ shift)[..., 0])
 
 

@@ -5,7 +5,7 @@ explanations would change in this stretch alone, evenly or growing (with the tim
 system for the keyframes at the cuts, and the gradient b and information V of every column. A step, ramp, pulse or creep
 between any two cuts is a sum of such columns, so its b and V are sums too.
 
-Score statistics of hypotheses at times between the cuts of the grid.
+Also here: score statistics of hypotheses at times between the cuts of the grid.
 
 At the solution without a hypothesis, with b = Sᵀ W r and V = Sᵀ W S less what the states can make up for, twice the
 logarithm of the likelihood ratio is bᵀ V⁻¹ b, and u = V⁻¹ b ± V⁻¹: none needs a smoother of its own.

@@ -56,7 +56,7 @@ class Setup:
     gravity: float
     constants: Array  # (39,) prior means
     constants_sigma: Array  # (39,)
-    spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: of gyro and accelerometer as they read, by spectra
+    spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: priors by spectra; see `healthy.GYRO_SHARE`
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
     aliased: Mapping[str, float]  # kind of bias → what vibration may read like near zero frequency, 1σ, SI
     notes: tuple[str, ...]

@@ -1,6 +1,6 @@
 """The command that adds an extra, by the tool that installed companion: pip, pipx or uv.
 
-Libraries that only some commands need.
+Also here: libraries that only some commands need.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A message is its size (uint16), its type (a letter) and a body of that size.
 Source: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 
-What a ULog declares of its topics: the fields of each message, as a packed structure.
+Also here: what a ULog declares of its topics: the fields of each message, as a packed structure.
 
 A format is `name:type field;type[8] field;...`, and a type may be another format: eight lines can stand for 200^8
 fields, so sizes are known before a structure is made. PX4 leaves out the padding at the end of a message; what lies

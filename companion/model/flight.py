@@ -1,6 +1,6 @@
 """A flight, one boot of one vehicle: its tracks, its messages, and which IMU to integrate.
 
-A flight without what was measured in some stretches of it.
+Also here: a flight without what was measured in some stretches of it.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ Conventions, everywhere (docs/conventions.md):
 - `q_ned_frd`: Hamilton quaternion `[w, x, y, z]` that rotates FRD vectors into NED;
 - specific force is what an accelerometer reads: `(0, 0, -g)` at rest and level; angles in radians.
 
-The MAVLink messages that carry an IMU: the one table of their names.
+Also here: the MAVLink messages that carry an IMU: the one table of their names.
 """
 
 from __future__ import annotations

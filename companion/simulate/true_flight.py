@@ -1,6 +1,6 @@
 """A flight with known truth: motion, sensor readings, the autopilot's estimate, faults.
 
-A quadrotor's flight in closed form: take-off, squares with yaw turns at the corners, landing.
+Also here: a quadrotor's flight in closed form: take-off, squares with yaw turns at the corners, landing.
 
 The path is a sum of smooth steps, three times differentiable everywhere. A multicopter's thrust stands along its own
 down axis, so the path and the heading fix its attitude and, by their derivatives, its rates (differential flatness:

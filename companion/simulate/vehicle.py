@@ -1,6 +1,6 @@
 """A simulated MAVLink vehicle: bytes in, packets out, at times that the caller or the clock sets.
 
-The message intervals of a simulated autopilot, and the rules of ArduPilot and PX4 for requests.
+Also here: the message intervals of a simulated autopilot, and the rules of ArduPilot and PX4 for requests.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ and dP = P(T) - P(s) - V(s) (T - s) of the specific force alone):
 Everything is an integral of these: a constant bias (of the response itself), white noise (of its square), scale and
 misalignment (of its product with the reading), and a bias that walks (of the square of the integral from s on).
 
-Integrals over batches of windows, for `covariance`: W windows of n samples, samples last, trapezoidal.
+Also here: integrals over batches of windows, for `covariance`: W windows of n samples, samples last, trapezoidal.
 """
 
 from __future__ import annotations

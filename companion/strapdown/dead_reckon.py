@@ -4,7 +4,7 @@ Nothing loops over samples: the running product is a prefix scan, and the work i
 processor's cache. `preintegrate` does the same without gravity and without a start, and its result serves every anchor,
 horizon and window (docs/mathematics.md).
 
-Dead reckoning of samples as they arrive: the same numbers as `dead_reckon` over all of them at once.
+Also here: dead reckoning of samples as they arrive: the same numbers as `dead_reckon` over all of them at once.
 """
 
 from __future__ import annotations

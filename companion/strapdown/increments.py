@@ -7,7 +7,8 @@ samples the signal is a line through them (`middle="linear"`) or the cubic throu
 Where samples are means over joining intervals (`ImuTrack.interval`), "cubic" is what conserves their integrals
 (`companion.strapdown._signal`).
 
-The integrators: one step over an interval or a piece of it, the one table of them, and the settings that choose.
+Also here: the integrators: one step over an interval or a piece of it, the one table of them, and the settings that
+choose.
 """
 
 from __future__ import annotations

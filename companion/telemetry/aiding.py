@@ -3,7 +3,7 @@
 What the fields of a format mean, their units and what stands for "not known" is settled in the series
 (`companion.telemetry.sources`): a row there with these columns is all that a format needs to have the track.
 
-What an estimator itself says that it knows: its position counts where it calls it valid.
+Also here: what an estimator itself says that it knows: its position counts where it calls it valid.
 
 ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS (MAVLink common.xml, ardupilotmega.xml) and the solution status of
 ArduPilot's records (nav_filter_status in `AP_NavEKF/AP_Nav_Common.h`) have the same bits. PX4 sends LOCAL_POSITION_NED

@@ -1,6 +1,6 @@
 """What the controller wanted, and what it asked of the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like.
 
-What a simulator knows of itself: the truth of a flight, for tests and benchmarks.
+Also here: what a simulator knows of itself: the truth of a flight, for tests and benchmarks.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Factors come from the units that the dialect states. What each message really carries, and in which frame, is
 ArduPilot's `GCS_MAVLink/GCS_Common.cpp` and PX4's `modules/mavlink/streams/`; docs/messages.md has the details.
 
-A boot's MAVLink messages → the series of its sensors, by the rows of `sources`.
+Also here: a boot's MAVLink messages → the series of its sensors, by the rows of `sources`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What happened in a flight: armed, disarmed, a new mode, an error, in the words of each format; and its texts.
 
-Changes that a vehicle announces itself: resets of its estimator, lane switches, parameters set in flight.
+Also here: changes that a vehicle announces itself: resets of its estimator, lane switches, parameters set in flight.
 
 The words are those of ArduPilot's `AP_NavEKF2/3` and `AP_AHRS`; PX4 counts its resets in ODOMETRY.reset_counter
 (`modules/mavlink/streams/ODOMETRY.hpp`: the sum of all its counters), so that which state was reset shows in the jump.

@@ -1,6 +1,6 @@
 """A log's messages → its flights: one per vehicle and boot, with tracks on one clock.
 
-How messages arrived: count, rate, longest gap, copies.
+Also here: how messages arrived: count, rate, longest gap, copies.
 """
 
 from __future__ import annotations

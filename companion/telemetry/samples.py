@@ -1,6 +1,7 @@
 """From samples of any format to tracks: in order of time, of things that can be, and not contradicted by neighbours.
 
-Single samples that those around them contradict: damage, left out and counted, and never what a sensor can read.
+Also here: single samples that those around them contradict: damage, left out and counted, and never what a sensor can
+read.
 
 A shock or a spike of an IMU is a reading, however odd its neighbours find it: of an IMU only what no part can read is
 left out. A place, a pressure, a field or an attitude that is elsewhere for one sample and back at once is damage where

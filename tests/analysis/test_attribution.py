@@ -553,7 +553,8 @@ def test_what_is_named_beside_a_cause_blames_another(best: BestEstimate) -> None
     ("gyro_bias", BIAS, (("gyro_bias", 0.5, 1.0), ("gyro_shock", 0.5, 0.0)), "data"),
     ("gps_position", AWAY, (("gps_position", 1.0, 0.02),), "nobody"),
     ("gyro_bias", BIAS, (), "nobody"),
-], ids=["IMU together", "others together", "one or the other", "harmless", "a shock", "no fault", "nothing weighed"])  # fmt: skip
+], ids=["IMU together", "others together", "one or the other", "harmless", "a shock", "no fault",
+        "nothing weighed"])  # fmt: skip
 def test_the_imu_the_other_sensors_and_nobody_are_told_apart(
     best: BestEstimate, kind: str, size: Array, rivals: tuple[tuple[str, float, float], ...], side: str
 ) -> None:

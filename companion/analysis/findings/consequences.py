@@ -1,6 +1,6 @@
 """Which findings only follow from others, and what the vehicle itself said of them.
 
-Findings about the loss of control, and what is left of the others beside it.
+Also here: findings about the loss of control, and what is left of the others beside it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """All findings of one IMU of a flight, without those that only follow from others, and with what the vehicle says.
 
-What the best estimate says: the sensors' faults, where the autopilot leaves it, and what is set otherwise.
+Also here: what the best estimate says: the sensors' faults, where the autopilot leaves it, and what is set otherwise.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Findings about times in flight without a valid position, or with one that no GPS fix supports.
 
-Findings about the autopilot: its estimate jumps where the IMU felt nothing.
+Also here: findings about the autopilot: its estimate jumps where the IMU felt nothing.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterato
     """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
 
     Only what had been there before is lost, and only while the rest is in the log: a gap of the link says nothing.
-    heard: times (N,) s of the IMU, or where there is none of the attitude; gaps: (N-1,) where it was not heard.
+    received: times (N,) s of the IMU, or where there is none of the attitude; gaps: (N-1,) where nothing was received.
     A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
     """
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]

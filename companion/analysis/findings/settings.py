@@ -3,13 +3,14 @@
 Each is known to the best estimate from the sensors alone. What is found is said with the value to set; it accuses
 nobody: what it did to the estimate is found as such.
 
-The parameters of the vehicle that say how a sensor sits and how late it is: their names, and what would mend them.
+Also here: the parameters of the vehicle that say how a sensor sits and how late it is: their names, and what would mend
+them.
 
 ArduPilot: AP_AHRS (AHRS_ORIENTATION turns every IMU of the board, and its internal compasses), AP_Compass
 (COMPASS_ORIENT, of external ones alone; AP_Compass_Backend.cpp, rotate_field). PX4: SENS_BOARD_ROT, and CAL_MAGn_ROT,
 -1 for an internal compass (lib/sensor_calibration/Magnetometer.cpp). Both take a reading by it into the body.
 
-Findings about compass and IMU that are turned against each other since the start of the log.
+Also here: findings about compass and IMU that are turned against each other since the start of the log.
 
 Two sensors do not tell which of them sits otherwise than its setting says. A third does: gravity, or the vehicle's own
 control. What hangs at its thrust and flew upright had its IMU right to half of 45° about every axis: with a board that

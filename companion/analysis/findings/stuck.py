@@ -1,6 +1,6 @@
 """Findings about an axis, or a whole sensor, that reads the same while the vehicle moves.
 
-Findings about an axis that reads the same while the other sensors say that the vehicle moved along it.
+Also here: findings about an axis that reads the same while the other sensors say that the vehicle moved along it.
 """
 
 from __future__ import annotations

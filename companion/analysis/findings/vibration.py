@@ -1,6 +1,6 @@
 """Findings about shaking: as the vehicle measures it, as the samples show it, and as noise beyond the data sheet.
 
-Findings about an axis that becomes noisier for a while, beside its neighbours and beside itself.
+Also here: findings about an axis that becomes noisier for a while, beside its neighbours and beside itself.
 """
 
 from __future__ import annotations

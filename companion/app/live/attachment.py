@@ -71,7 +71,7 @@ class Attachment:
             raise failure
 
     def close(self) -> None:
-        """Leave the vehicle as it was found; takes 1.2 s at most. A second call does nothing."""
+        """Leave the vehicle as it was found; as long as `Session.leave` takes. A second call does nothing."""
         self._stopping.set()
         self._thread.join()
 

@@ -2,7 +2,7 @@
 
 Source: PX4 `msg/VehicleLocalPosition.msg`.
 
-What PX4's controllers want of the vehicle, and what they ask of the motors.
+Also here: what PX4's controllers want of the vehicle, and what they ask of the motors.
 """
 
 from __future__ import annotations
