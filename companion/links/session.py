@@ -214,7 +214,7 @@ class Session:
         )
 
     def leave(self) -> bool:
-        """Restore every vehicle's intervals; takes `_LEAVING_S` at most. Returns whether each vehicle has confirmed that.
+        """Restore every vehicle's intervals; takes `_LEAVING_S`. Returns whether each vehicle has confirmed that.
 
         What is not confirmed is said, and kept for the next run where the session remembers.
         """
