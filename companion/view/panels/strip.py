@@ -127,8 +127,8 @@ def markup(
     )
 
 
-def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU) -> str:
-    """What is drawn in which colour, in a line above the strip."""
+def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, moment: Moment | None = None) -> str:
+    """What is drawn in which colour, in a line above the strip; as for `markup`."""
 
     def spot(of: Rgb, name: str, shape: str = "width:9px;height:9px") -> str:
         return (
@@ -140,6 +140,9 @@ def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU) ->
     rest = [spot(palette.SEVERITIES[s], severity_of(s)) for s in ("error", "warning", "info")
             if any(f.severity == s for f in shown.findings)]  # fmt: skip
     rest += [spot(palette.AXES[1], "armed", line)] if shown.armed else []
+    if moment is not None:  # without a cause it is where the error is largest, of which nothing is wrong
+        name = "selected" if any(f.severity == "error" for f in shown.findings) else "largest error"
+        rest.append(spot(palette.DIFFERENCE, name, "width:9px;height:9px;opacity:.4"))
     if curve is None:
         return f"<div>{''.join(rest)}</div>"
     name, unit = ERRORS[curve.error]

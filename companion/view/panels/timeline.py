@@ -163,7 +163,9 @@ class Timeline:
         anchors = [Mark(t, "the IMU restarts from the autopilot's state here", "anchor")
                    for t in (shown if len(shown) <= MOST_ANCHORS else ())]  # fmt: skip
         part = (max(player.start, low), min(player.end, high)) if player.is_part else None
-        self._key.content = f'<div class="companion-key">{legend(self._bands, self._curve, self._colour)}</div>'
+        self._key.content = (
+            f'<div class="companion-key">{legend(self._bands, self._curve, self._colour, self._moment)}</div>'
+        )
         # The strip lies under the slider's track, the marks below: beside it are the axes and the number.
         self._strip.content = (
             f'<div style="padding:0 calc(0.75em + 52px) 0 calc({GUTTER}em + 0.75em);'
