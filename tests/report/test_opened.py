@@ -56,6 +56,10 @@ def opened(browser: Browser, path: Path) -> Iterator[Watched]:
     with new_page(browser, 1100, looking=True, color_scheme="dark") as page:
         watched = Watched(page)
         watched.open(path)
+        page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+        until(
+            lambda: page.evaluate("[...document.querySelectorAll('.chart')].every(c => c.querySelector('.main-svg'))")
+        )
         yield watched
 
 

@@ -73,7 +73,9 @@ def test_a_report_of_everything_has_every_section(tmp_path: Path) -> None:
 def test_a_section_that_cannot_be_made_says_why(name: str, missing: dict[str, str], tmp_path: Path) -> None:
     log = BUNDLED / name if "/" not in name else recording(name)
     found = Contents(report(log, tmp_path / "report.html", "--no-playback"))
-    assert set(found.sections) == set(SECTIONS) - {"playback"}
+    more = set(found.sections) - set(SECTIONS)  # of logs that have several lanes, or that stand
+    assert more <= {"lanes", "preflight"}
+    assert set(found.sections) - more == set(SECTIONS) - {"playback"}
     assert len(found.figures) > 0
     for section, reason in missing.items():
         assert reason in found.sections[section]

@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from tests.processes import COMPANION, Process, ended, next_line, started
 from tests.simulated import flying, free_port
-from tests.view.browsing import choose, keep, near, new_page, open_page, shoot, until
+from tests.view.browsing import choose, keep, near, new_page, open_page, shoot, unfold, until
 
 pytestmark = pytest.mark.browser
 
@@ -86,6 +86,8 @@ def dead_reckon_otherwise(page: Page) -> None:
 def each_has_its_own_camera(leaves: Page, stays: Page) -> None:
     """Two browsers on a link: one picture for all, and whoever stays is served on."""
     pages = (leaves, stays)
+    for page in pages:
+        unfold(page, "Picture")
     choose(leaves, "Camera", "From above")
     cameras = [page.get_by_role("combobox", name="Camera", exact=True) for page in pages]
     expect(cameras[0]).to_have_value("From above")
