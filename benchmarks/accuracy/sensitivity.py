@@ -27,7 +27,7 @@ from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.labelled import HERE
 from benchmarks.accuracy.labels import SHARED, Label, Outcome, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import assessment, attribution, constant_faults
+from companion.analysis import assessment, attribution, constant_faults, deviations
 from companion.analysis.fault_interval import EstimatorDeviation, FaultInterval
 from companion.app.recording import read_recording
 from companion.constants import check, num, priors
@@ -117,6 +117,7 @@ VARIANTS: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
 RULES: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
     AS_IT_IS: nullcontext,
     "the IMU fits with far more noise than it shows": without(BestEstimate, "contradicted", False),
+    "the IMU moved as the autopilot says": without(deviations, "_confirmed_by_imu", _never),
     "a sensor explains a deviation nearly as well": without(attribution, "SENSORS", {}),
     "there since the start of the log": without(attribution, "_since_start", lambda *_: 1.0),
     "compass and IMU turned against each other": without(attribution, "_turned", lambda *_: None),

@@ -105,7 +105,8 @@ def findings_of(
     by_interval = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
     out = [finding for finding in by_interval if finding is not None]
     own = [d for d, cause in zip(deviations, causes, strict=True) if cause is None]
-    return out + [_own(d, best) for d in own]
+    by_imu = min((d.start for d in own if d.imu_confirms), default=np.inf)
+    return out + [_own(d, best, by_imu) for d in own]
 
 
 def _of_interval(
@@ -235,7 +236,7 @@ _FASTER = "An IMU that is better damped, logged faster than it shakes, or a seco
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
 
 
-def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate) -> tuple[str, str]:
+def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a deviation does not accuse the autopilot, empty where it does; and what would tell."""
     faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
@@ -243,6 +244,8 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate) -> tuple[str,
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
+        (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
+         _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
         (deviation.probability < priors.ACCUSED,
@@ -251,13 +254,15 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate) -> tuple[str,
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
-def _own(deviation: EstimatorDeviation, best: BestEstimate) -> Finding:
+def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Finding:
     """A deviation that nothing explains: the sensors agree with one another, and the estimate does not with them.
+
+    by_imu: s, when the first one began in which the IMU sides with the autopilot.
 
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
     both may be off by, it is said and accuses nobody.
     """
-    why, would_tell = _why_unsure(deviation, best)
+    why, would_tell = _why_unsure(deviation, best, by_imu)
     unsure = bool(why)
     words = f"its estimate is off by {deviation} against the best estimate of the sensors, which agree with each other"
     if unsure:

@@ -14,7 +14,7 @@ import numpy as np
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation
 from companion.analysis.finding import Finding, IntArray, runs
 from companion.analysis.phases import flown, judged_at, phases
-from companion.analysis.reference import BoolArray, Limits, attitude_error, length, reference_at
+from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -22,6 +22,7 @@ from companion.estimation import (
     POSITION,
     VELOCITY,
     BestEstimate,
+    corrected,
     kind_of,
 )
 from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated
@@ -178,6 +179,15 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         )
 
 
+_AXES: Mapping[str, tuple[str, slice]] = {
+    "tilt": ("turn", slice(0, 2)),
+    "heading": ("turn", slice(2, 3)),
+    "velocity": ("velocity", slice(0, 2)),
+    "position": ("position", slice(0, 2)),
+    "height": ("position", slice(2, 3)),
+}
+"""Quantity → what it is of, and its components in NED."""
+
 _LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
 
 
@@ -228,8 +238,38 @@ def estimator_deviations(
             if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
-                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, stepped))
+                felt = _confirmed_by_imu(best, reference, name, value, peak)
+                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
     return tuple(sorted(deviations, key=lambda d: d.start))
+
+
+def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
+    """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
+
+    Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray
+    by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
+    nor of velocity and position after more than some seconds.
+    """
+    low = np.flatnonzero(value[:peak] <= check.DEVIATION_ONSET * value[peak])
+    if not len(low):
+        return False
+    first, (moved, axes) = int(low[-1]), _AXES[quantity]
+    if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
+        return False
+    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
+
+    def off(one: Reference | BestEstimate) -> float:
+        start = one.q_ned_frd[first], one.velocity[first], one.position[first]
+        q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
+        error = {
+            "turn": attitude_error(one.q_ned_frd[peak], q),
+            "velocity": one.velocity[peak] - v,
+            "position": one.position[peak] - p,
+        }
+        return float(np.linalg.norm(error[moved][axes]))
+
+    autopilot = off(reference)
+    return autopilot < off(best) and autopilot < (1.0 - check.DEVIATION_ONSET) * float(value[peak])
 
 
 def _together(*sigmas: Array) -> Array:

@@ -68,6 +68,7 @@ class EstimatorDeviation:
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
+    imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
     sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property

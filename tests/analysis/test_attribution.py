@@ -25,7 +25,7 @@ from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
-from companion.analysis.reference import Limits
+from companion.analysis.reference import Limits, reference_at
 from companion.estimation import CONSTANTS, KINDS, BestEstimate, Explained, Rival, Size, kind_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
@@ -295,6 +295,41 @@ def test_what_is_far_less_likely_than_nothing_excuses_no_autopilot(
     unlikely = replace(best, further=perhaps("accel_bias", log_odds, fault))
     (finding,) = findings_of((), estimator_deviations(headed(flight, 40.0), best, Limits()), unlikely)
     assert (finding.kind, finding.side) == ("heading_off", "autopilot")
+
+
+@pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
+def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
+    """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
+    attitude, rate = flight.require_attitude(), np.radians(3.0)
+    other = turned(flight, rate * np.clip(attitude.t - ONSET, 0.0, 10.0)[:, None] * DOWN)
+    imu = best.imu
+    if felt:
+        during = (imu.t >= ONSET) & (imu.t < ONSET + 10.0)
+        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
+        imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * DOWN))
+    third = replace(best, imu=imu)
+    found = estimator_deviations(other, third, Limits())
+    assert {(d.quantity, d.imu_confirms) for d in found} == {("heading", felt)}
+    (finding,) = findings_of((), found, third)
+    assert finding.side == ("data" if felt else "autopilot")
+    assert ("the IMU moved as the autopilot says" in finding.evidence) == felt
+
+
+@pytest.mark.parametrize("felt", [True, False], ids=["as the accelerometer felt", "the accelerometer felt nothing"])
+def test_an_estimate_that_speeds_up_as_the_accelerometer_says_is_not_accused(
+    flight: Flight, best: BestEstimate, felt: bool
+) -> None:
+    attitude, imu, north = flight.require_attitude(), best.imu, np.array([1.0, 0.0, 0.0])
+    faster = np.clip(best.t - ONSET, 0.0, 5.0)[:, None] * north  # 1 m/s² for 5 s
+    track = PositionTrack(best.t, best.position, best.velocity + faster)
+    if felt:
+        during = (imu.t >= ONSET) & (imu.t < ONSET + 5.0)
+        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
+        imu = replace(imu, accel=imu.accel + during[:, None] * quaternion.rotate(quaternion.conjugate(q), north))
+    third = replace(best, imu=imu)
+    found = estimator_deviations(replace(flight, position=track), third, Limits())
+    assert {(d.quantity, d.imu_confirms) for d in found} == {("velocity", felt)}
+    assert [f.side for f in findings_of((), found, third)] == ["data" if felt else "autopilot"]
 
 
 def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
