@@ -144,11 +144,11 @@ def _of_interval(
     shown_kind = interval.kind
     if why.startswith("cannot tell") and no_fault and harmed:
         shown_kind = f"{consequences[0].quantity}_off"
-        share = percent(1.0 - likelihoods(interval)["nobody"])
+        chance = percent(1.0 - likelihoods(interval)["nobody"])
         side, severity, headline = "data", "warning", ""
         evidence = (
             f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it: "
-            f"{described(interval, best)} is one with {share}"
+            f"{described(interval, best)} is one with {chance}"
         )
     elif why:
         side, severity, headline = "data", "warning", ""
