@@ -121,6 +121,7 @@ RULES: Mapping[str, Callable[[], AbstractContextManager[object]]] = {
     "a sensor explains a deviation nearly as well": without(attribution, "SENSORS", {}),
     "there since the start of the log": without(attribution, "_since_start", lambda *_: 1.0),
     "compass and IMU turned against each other": without(attribution, "_turned", lambda *_: None),
+    "a lag of the attitude": without(deviations, "_lag", lambda error, *_: np.zeros_like(error)),
     "a height or a heading that cannot follow": without(attribution, "follows", _begins_after),
     "folded vibration": without(setup, "aliasing", lambda _: {}),
 }

@@ -25,7 +25,15 @@ from companion.estimation import (
     corrected,
     kind_of,
 )
-from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated
+from companion.model import (
+    Array,
+    EstimatorReset,
+    Flight,
+    ImuTrack,
+    NoEstimateError,
+    interpolated,
+    weighted_median,
+)
 from companion.strapdown import preintegrate, quaternion
 
 
@@ -207,6 +215,7 @@ def estimator_deviations(
         return ()
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
+    error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
     between = reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
     tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
@@ -348,6 +357,23 @@ def least_deviation(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a deviation where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
     return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
+
+
+def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
+    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
+
+    Of how the error changes with the rate from one keyframe to the next: what is off throughout is no lag, nor what
+    drifts, which on a circle may look like one. The median of what each change says, as often as it tells of it.
+    """
+    rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
+    both = judged[1:] & judged[:-1]
+    changed, off = np.diff(rate, axis=0)[both], np.diff(error, axis=0)[both]
+    weight = (changed**2).sum(axis=1)
+    telling = weight > check.RATE_LAG_RPS**2
+    if telling.sum() < check.RATE_LAG_CHANGES:
+        return np.zeros_like(error)
+    weight, lags = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
+    return np.asarray(rate * np.clip(weighted_median(lags, weight), -check.RATE_LAG_S, check.RATE_LAG_S))
 
 
 _UNITS: Mapping[str, tuple[str, str, float]] = {

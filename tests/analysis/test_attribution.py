@@ -145,6 +145,24 @@ def test_a_heading_in_doubt_that_does_not_change_is_no_deviation(flight: Flight,
     assert estimator_deviations(always, unsure(best), Limits()) == ()
 
 
+def test_a_heading_that_drifts_on_a_circle_is_no_lag(flight: Flight, best: BestEstimate) -> None:
+    """It was taken for one of 0.1 s; a quick turn then looked like an attitude that is off."""
+    t, track = best.t, flight.require_attitude()
+    circling, quickly = t < ONSET, (t > 40.0) & (t < 48.0)
+    rate = np.where(circling, 0.2, np.where(quickly, 2.5, 0.0))
+    heading = np.cumsum(rate * np.gradient(t))
+    gyro = best.imu.gyro.copy()
+    gyro[best.index] = rate[:, None] * DOWN
+    turns = replace(
+        best,
+        imu=replace(best.imu, gyro=gyro),
+        states=replace(best.states, q_ned_frd=quaternion.exp(heading[:, None] * DOWN)),
+    )
+    off = np.radians(np.where(circling, 1.5, -1.5))
+    track = replace(track, q_ned_frd=quaternion.exp(np.interp(track.t, t, heading + off)[:, None] * DOWN))
+    assert estimator_deviations(replace(flight, attitude=track), turns, Limits()) == ()
+
+
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
 @pytest.mark.parametrize("compass", [True, False], ids=["turned", "in order"])
 def test_a_heading_that_is_set_anew_begins_anew_unless_a_turned_compass_sets_it(
