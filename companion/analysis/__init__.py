@@ -43,7 +43,7 @@ from companion.analysis.noise import (
     noise_in_flight,
     noise_model,
 )
-from companion.analysis.phases import phases
+from companion.analysis.phases import AIRBORNE_REPORTS, phases
 from companion.analysis.pose_error import (
     Expectation,
     PoseError,
@@ -64,6 +64,7 @@ from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S
 
 __all__ = [
+    "AIRBORNE_REPORTS",
     "FLOWN",
     "GENERIC",
     "HORIZONS_S",

@@ -187,7 +187,7 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         )
 
 
-_AXES: Mapping[str, tuple[str, slice]] = {
+COMPONENTS: Mapping[str, tuple[str, slice]] = {
     "tilt": ("turn", slice(0, 2)),
     "heading": ("turn", slice(2, 3)),
     "velocity": ("velocity", slice(0, 2)),
@@ -262,7 +262,7 @@ def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, v
     low = np.flatnonzero(value[:peak] <= check.DEVIATION_ONSET * value[peak])
     if not len(low):
         return False
-    first, (moved, axes) = int(low[-1]), _AXES[quantity]
+    first, (moved, axes) = int(low[-1]), COMPONENTS[quantity]
     if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
         return False
     path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))

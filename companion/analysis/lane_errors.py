@@ -5,24 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
-from companion.analysis.deviations import at_first
+from companion.analysis.deviations import COMPONENTS, at_first
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import BoolArray, attitude_error, length
 from companion.constants import healthy, num, priors
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, chi_square
 from companion.model import Array, EstimatorLane, Flight, nearest
 
-_PARTS: Mapping[str, tuple[slice, slice]] = {
-    "tilt": (ATTITUDE, slice(0, 2)),
-    "heading": (ATTITUDE, slice(2, 3)),
-    "velocity": (VELOCITY, slice(0, 2)),
-    "position": (POSITION, slice(0, 2)),
-    "height": (POSITION, slice(2, 3)),
-}
-"""Quantity → the block of the estimate's error that it is of, and its components in NED."""
+_BLOCKS: Mapping[str, slice] = {"turn": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
+"""What a quantity is of → the block of the estimate's error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +65,11 @@ def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorL
             first = at_first(zero.error[part], judged & zero.known(part), which)
             for one in made:
                 one.error[part][...] -= first
-    covariance = {name: best.covariance[:, block, block][:, own, own] for name, (block, own) in _PARTS.items()}
+    covariance = {
+        name: best.covariance[:, block, block][:, own, own]
+        for name, (of, own) in COMPONENTS.items()
+        for block in (_BLOCKS[of],)
+    }
     changed = _heading_by_change(made, best, judged)
     if changed is not None:
         covariance["heading"] = changed[:, None, None] ** 2
@@ -115,8 +114,7 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
     sources = {"turn": turn, "velocity": lane.velocity[row] - velocity, "position": lane.position[row] - position}
     if "gps_position" not in best.residuals:
         sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
-    of = {"tilt": "turn", "heading": "turn", "velocity": "velocity", "position": "position", "height": "position"}
-    errors = {name: np.where(near[:, None], sources[of[name]][:, own], np.nan) for name, (_, own) in _PARTS.items()}
+    errors = {name: np.where(near[:, None], sources[of][:, own], np.nan) for name, (of, own) in COMPONENTS.items()}
     if not {"gps_height", "barometer"} & best.residuals.keys():
         errors["height"] = np.full_like(errors["height"], np.nan)
     if best.heading_from == "first guess":  # nothing but the autopilot's own attitude told it
@@ -131,7 +129,7 @@ def known_share(best: BestEstimate) -> float:
 
 def healthy_bound(quantity: str) -> float:
     """What a healthy estimator is off by in 5 % of all cases at most: rad, m/s, m."""
-    own = _PARTS[quantity][1]
+    _, own = COMPONENTS[quantity]
     return float(healthy.AP_SIGMA[quantity] * np.sqrt(chi_square(own.stop - own.start, num.Z_95)))
 
 
@@ -143,7 +141,7 @@ def off_probability(one: LaneErrors, compared: Compared, where: BoolArray) -> fl
         if known.any():
             size = float(np.sqrt((one.error[quantity][known] ** 2).sum(axis=1).mean()))
             sigma = float(np.sqrt((compared.sigma(quantity)[known] ** 2).mean()))
-            most = max(most, _normal((size - healthy_bound(quantity)) / sigma))
+            most = max(most, NormalDist().cdf((size - healthy_bound(quantity)) / sigma))
     return most
 
 
@@ -169,7 +167,7 @@ def nearer_probability(
             variance += 4.0 * float(own.mean()) / unit**2
     if not told:
         return None
-    share = _normal(gain / math.sqrt(variance)) if variance > 0.0 else 0.5  # the same to the last bit
+    share = NormalDist().cdf(gain / math.sqrt(variance)) if variance > 0.0 else 0.5  # the same to the last bit
     return share * odds / (share * odds + 1.0 - share)
 
 
@@ -196,7 +194,3 @@ def apart(one: LaneErrors, other: LaneErrors, where: BoolArray) -> dict[str, flo
             difference = (e - other.error[quantity])[known]
             sizes[quantity] = float(np.sqrt((difference**2).sum(axis=1).mean())) / healthy_bound(quantity)
     return sizes
-
-
-def _normal(z: float) -> float:
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))

@@ -112,7 +112,7 @@ def _armed(flight: Flight) -> list[Span] | None:
 
 def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
     """What the vehicle itself says; where it does not, from first to last motion of each time armed."""
-    reports = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in _REPORTS]
+    reports = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in AIRBORNE_REPORTS]
     flown = []
     for begin, end in [(flight.start, flight.start + flight.duration)] if armed is None else armed:
         moving = _moving(flight, begin, end, by_position=armed is not None)
@@ -130,7 +130,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
 
 
 _ON_THE_GROUND = ("GROUND_ROVER", "SURFACE_BOAT")
-_REPORTS = ("took off", "in the air", "landed")
+AIRBORNE_REPORTS = ("took off", "in the air", "landed")
 
 
 def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> list[float]:

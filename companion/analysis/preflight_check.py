@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
@@ -61,7 +61,7 @@ class Measured:
 def judged(name: str, sensor: str, size: float, sigma: float, limit: float, unit: str) -> Check:
     """No-go where a size is beyond its limit with 95 %, go where it is within with as much."""
     z = (size - limit) / max(sigma, 1e-300)
-    p = 0.5 * math.erfc(-max(min(z, 40.0), -40.0) / math.sqrt(2.0))
+    p = NormalDist().cdf(z)
     outcome: Outcome = "unknown"
     if p >= priors.ACCUSED:
         outcome = "no_go"

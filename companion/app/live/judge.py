@@ -7,7 +7,17 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from companion.analysis import Alarm, Band, LiveVerdict, State, Verdict, compare, newest_stands_out, phases
+from companion.analysis import (
+    AIRBORNE_REPORTS,
+    Alarm,
+    Band,
+    LiveVerdict,
+    State,
+    Verdict,
+    compare,
+    newest_stands_out,
+    phases,
+)
 from companion.constants import check
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
@@ -190,14 +200,13 @@ class Judge:
             self._aloft_s = -math.inf
         if kind == "flight":
             self._aloft_s = end
-        self._tells |= any(event.text in _REPORTS for event in flight.events)
+        self._tells |= any(event.text in AIRBORNE_REPORTS for event in flight.events)
         came_down = any((e.kind == "disarmed" or e.text == "landed") and e.t > self._aloft_s for e in flight.events)
         if came_down or (kind == "landed" and not self._tells):
             self._aloft_s = -math.inf
         return math.isfinite(self._aloft_s)
 
 
-_REPORTS = ("took off", "in the air", "landed")
 _WHERE = {"standing": "on the ground", "landed": "after landing"}
 
 
