@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from companion.constants import harm, num, priors
 from companion.estimation.explanations import KINDS, Kind, kind_of
-from companion.estimation.model import Rival
+from companion.estimation.model import Aliased, Rival
 from companion.estimation.shapes import SLOPED
 from companion.model import Array
 
@@ -125,13 +125,13 @@ def trial(
     flight: tuple[float, float],
     b: Array,
     v: Array,
-    aliased: float = 0.0,
+    aliased: Aliased | None = None,
     imu: int | None = None,
 ) -> Trial:
     """The evidence at times (onset, end, weight of the cell), each (T,), from gradients b (T, m) and V (T, m, m).
 
     Of D data sets b is (T, m, D).
-    flight: its first and last keyframe, s. aliased: 1σ of nuisances that sampling makes of vibration.
+    flight: its first and last keyframe, s. aliased: what sampling makes of motion that is faster.
     """
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
@@ -140,8 +140,10 @@ def trial(
     if kind.nuisance:
         small, large = large, np.full_like(large, num.LOG_ZERO)
     else:
-        beat = aliased * np.minimum(num.BEAT_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
-        small, *_ = _of_scale(each, v, np.maximum(harm.NUISANCE * harmful(kind, shape, imu), beat) / reached)
+        usual = np.full(len(onset), harm.NUISANCE * harmful(kind, shape, imu))
+        if aliased is not None:
+            usual = np.maximum(usual, aliased.sigma(np.minimum(end, flight[1]) - onset))
+        small, *_ = _of_scale(each, v, usual / reached)
     possible = np.abs(size).max(axis=1) * reached[:, None] <= kind.most
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
     sets = slice(None) if b.ndim > 2 else 0

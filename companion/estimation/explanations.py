@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.constants import harm, healthy, num, priors
 from companion.estimation.differences import Differences
-from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
+from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY, Aliased
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
@@ -122,7 +122,7 @@ class Problem:
     gravity: float  # m/s²
     motion: Motion
     measurements: tuple[Measurement, ...]
-    aliased: Mapping[str, float]  # kind → 1σ of what vibration that its samples fold reads like
+    aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
     rougher: Mapping[str, float]  # "gyro", "accel" → times by which the variance of its noise is larger than stated
     others: tuple[Differences, ...] = ()  # what the other IMUs read more
 

@@ -21,9 +21,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.constants import healthy, num
+from companion.constants import harm, healthy, num
 from companion.estimation.chi_square import chi_square
+from companion.estimation.model import Aliased
 from companion.estimation.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
+from companion.estimation.system import Index
 from companion.model import Array, ImuTrack
 
 _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
@@ -240,8 +242,8 @@ def _density(power: Array, gain: Array, grid: float) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.quantile(each, num.NOISE_QUANTILE, axis=0) / lower, 0.0)))
 
 
-def aliasing(track: ImuTrack) -> dict[str, float]:
-    """Hypothesis → 1σ of what a vibration may read like for seconds, when it is folded down near 0 Hz (rad/s, m/s², 1).
+def aliasing(track: ImuTrack, index: Index) -> dict[str, Aliased]:
+    """Kind → what sampling may make of motion that is faster (rad/s, m/s², 1); index: (K,) samples of the keyframes.
 
     A line of vibration at a multiple of the sampling rate beats slowly with it, by up to its own amplitude. None of
     readings that are means over the whole of their interval, or filtered well below the sampling rate.
@@ -253,9 +255,33 @@ def aliasing(track: ImuTrack) -> dict[str, float]:
     out = {}
     for sensor, readings, least in (("gyro", track.gyro, healthy.SCALE_SHOWS_RPS), ("accel", track.accel, 0.0)):
         scatter = healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
-        out[f"{sensor}_bias"] = scatter
-        out[f"{sensor}_scale"] = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
+        out[f"{sensor}_bias"] = Aliased(scatter)
+        of_scale = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
+        out[f"{sensor}_scale"] = Aliased(of_scale, _attenuation(track.t, readings, index, harm.LIVELY[sensor]))
     return out
+
+
+def _attenuation(t: Array, readings: Array, index: Index, least: float) -> float:
+    """By what share readings (N, 3) are smaller between samples (K,) where every other one of them is left out.
+
+    A straight line between two samples cuts off what is faster. How much is missing of every sample is not known: it is
+    less than what is missing of half of them (of white noise a third, of slow motion a quarter). The axes count that
+    are moved by more than `least` (root of the mean square): of others no scale is told.
+    """
+    even = np.unique(index // 2 * 2)
+    if len(even) < num.SCATTER_MIN_DIFFERENCES or not len(t):
+        return 0.0
+    turned = [_integrated(t[::by], readings[::by])[even // by] for by in (1, 2)]
+    whole, half = (np.diff(one, axis=0) / np.diff(t[even])[:, None] for one in turned)
+    moved = np.flatnonzero(np.sqrt((readings**2).mean(axis=0)) > least)
+    shares = 1.0 - (whole * half)[:, moved].sum(axis=0) / (whole[:, moved] ** 2).sum(axis=0)
+    return float(np.clip(shares, 0.0, 1.0).max(initial=0.0))
+
+
+def _integrated(t: Array, values: Array) -> Array:
+    """(N, 3) the integral of values (N, 3) since the first, by trapezoids."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:

@@ -45,7 +45,7 @@ class Cells:
     def weighed(self, problem: Problem, b: Array | None = None) -> Trial:
         """The evidence; b: in place of its own, of D data sets (T, m, D)."""
         span, times = (float(problem.t[0]), float(problem.t[-1])), (self.onset, self.end, self.weight)
-        aliased = 0.0 if self.imu is not None else problem.aliased.get(self.kind.name, 0.0)
+        aliased = None if self.imu is not None else problem.aliased.get(self.kind.name)
         return trial(self.kind, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
 
 

@@ -22,7 +22,7 @@ from companion.estimation.measurements import (
     three_samples,
     vector_readings,
 )
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, Aliased, States
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
@@ -58,7 +58,7 @@ class Setup:
     constants_sigma: Array  # (39,)
     spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: priors by spectra; see `healthy.GYRO_SHARE`
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
-    aliased: Mapping[str, float]  # kind of bias → what vibration may read like near zero frequency, 1σ, SI
+    aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
     notes: tuple[str, ...]
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     relative_noise: Array  # (K-1, 2) gyro's and accelerometer's in each interval, in times its median in the flight
@@ -112,7 +112,8 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     broken = broken_intervals(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
-    noise, aliased, scattering = spectral_noise(track, longest), aliasing(track), relative_scatter(track, t, longest)
+    noise, aliased = spectral_noise(track, longest), aliasing(track, index)
+    scattering = relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))

@@ -16,6 +16,7 @@ from companion.estimation import (
     sampling_of,
     white_noise,
 )
+from companion.estimation.noise_density import aliasing
 from companion.model import Array, ImuTrack
 from companion.simulate import fly
 from companion.strapdown import ImuModel, Sensor
@@ -148,3 +149,30 @@ def test_noise_below_quantisation_is_bounded(spread: float, mean: float) -> None
 def test_noise_of_several_steps_is_not_hidden() -> None:
     readings = np.trunc(1000.0 + 2.0 * np.random.default_rng(2).standard_normal(5000))
     assert quantisation_bound(readings, 1.0, 100.0, Sampling("point")) is None
+
+
+@pytest.mark.parametrize("frequency_hz", [0.1, 0.3, 0.7, 1.2, 1.7])
+def test_turns_between_samples_pass_for_no_scale_error(frequency_hz: float) -> None:
+    """A straight line from one sample to the next cuts off what turns meanwhile: as much as is stated, or less."""
+    rate, t = 4.0, np.arange(0.0, 200.0, 0.25)
+    wander = 2.0 * np.pi * frequency_hz * t + np.cumsum(np.random.default_rng(1).normal(0.0, 0.2, len(t)))
+    track = _turning(t, np.sin(wander))
+    between = np.arange(0.0, 1.0, 0.02)
+    fine = np.interp((t[:-1, None] + between / rate).ravel(), t, wander).reshape(len(t) - 1, -1)
+    true, lines = np.sin(fine).mean(axis=1), 0.5 * (track.gyro[1:, 0] + track.gyro[:-1, 0])
+    missing = 1.0 - true @ lines / (true @ true)
+    stated = aliasing(track, np.arange(len(t)))["gyro_scale"].lasting
+    assert missing < 2.0 * stated + 0.001
+
+
+def test_what_is_sampled_fast_enough_hides_no_scale_error() -> None:
+    t = np.arange(0.0, 100.0, 0.01)
+    noise = np.random.default_rng(1).normal(0.0, 0.05, len(t))
+    track = _turning(t, np.sin(2.0 * np.pi * 1.2 * t) + noise)
+    assert aliasing(track, np.arange(0, len(t), 20))["gyro_scale"].lasting < 0.005
+
+
+def _turning(t: Array, rate: Array) -> ImuTrack:
+    """About x."""
+    still = np.zeros((len(t), 3))
+    return ImuTrack(source="RAW_IMU", t=t, gyro=still + rate[:, None] * [1.0, 0.0, 0.0], accel=still - [0.0, 0.0, 9.8])
