@@ -221,12 +221,13 @@ def carried(setup: Setup, states: States, before: CarriedImu | None, times: floa
 
 
 def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:
-    """Where the iteration may begin: at an estimate whose flight goes on, and then where it would without it."""
+    """Where the iteration may begin: at an estimate whose flight goes on, which fitted so far; else where it would."""
     others = iter(starts)
     first = next(others)
     resumed = _resumed(setup, first, before)
     if resumed is not None:
         yield resumed
+        return
     yield first
     yield from others
 

@@ -122,6 +122,17 @@ def test_a_gps_that_jumps_takes_the_autopilot_with_it() -> None:
     assert jumps == pytest.approx([30, 45], abs=0.1)
 
 
+@pytest.mark.parametrize("ago", [0.9, 2.4])
+def test_a_gps_that_jumped_a_moment_ago_is_no_fault_of_the_imu(ago: float) -> None:
+    """As on a link: the newest second of it is all that there is."""
+    since = float(flown().imu().t[-1]) - ago
+    found = assess(flown(glitch=lambda t: (t > since)[:, None] * [40.0, 0.0, 0.0], fixes_hz=5.0), GENERIC)
+    assert found.best
+    assert [one.kind for one in found.best.explained] == ["gps_position"]
+    assert found.best.explained[0].onset == pytest.approx(since, abs=0.4)
+    assert not [f for f in found.verdict.findings if f.side == "imu" and f.severity == "error"]
+
+
 def test_a_gps_that_creeps_takes_the_autopilot_with_it() -> None:
     def creep(t: Array) -> Array:
         return np.asarray(np.clip(t - 30, 0, 15)[:, None] * [1.0, 0.0, 0.0])
