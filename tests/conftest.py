@@ -14,7 +14,7 @@ from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
 from tests.recordings import ROOT
-from tests.remembered import remembering
+from tests.remembered import remembering, within_a_process
 from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 
 # The same examples every time, and no deadline: neither chance nor a busy machine is a failure.
@@ -88,17 +88,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Commands, reports and pages that analyse the same flight share the answer, in every process; not in CI."""
-    if os.environ.get("CI") == "true":
-        yield
-        return
+    """Commands, reports and pages that analyse the same flight share the answer, in CI not with other processes."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers"
     folder.mkdir(exist_ok=True)
+    alone = os.environ.get("CI") == "true"
     with pytest.MonkeyPatch.context() as patch:
         for module, name in _REMEMBERED:
             where = importlib.import_module(module)
-            patch.setattr(where, name, remembering(getattr(where, name), folder))
+            pure = getattr(where, name)
+            patch.setattr(where, name, within_a_process(pure) if alone else remembering(pure, folder))
         yield
 
 

@@ -1,7 +1,7 @@
 """Answers that are remembered: many tests have the same flight analysed, and the analysis is a pure function.
 
-Between processes they are pickled. Where CI is "true" nothing is: a function that is not pure after all, or a result
-that a pickle changes, cannot hide there (CONTRIBUTING.md).
+Between processes they are pickled. Where CI is "true" nothing is, and no process knows another's answers: a result that
+a pickle changes cannot hide there (CONTRIBUTING.md). That the functions are pure has a test (test_same_numbers.py).
 """
 
 from __future__ import annotations
@@ -58,6 +58,21 @@ def once(function: Callable[..., Any]) -> Callable[..., Any]:
         if key not in known:
             known[key] = function(first, *rest, **more)
         return known[key]
+
+    return call
+
+
+def within_a_process(pure: Callable[..., Any], most: int = 16) -> Callable[..., Any]:
+    """The same function, which knows its latest answers; every bit of the arguments counts."""
+    known: dict[bytes, Any] = {}
+
+    @functools.wraps(pure)
+    def call(*args: Any, **named: Any) -> Any:
+        question = hashlib.sha256(_written((args, sorted(named.items())))).digest()
+        known[question] = known.pop(question) if question in known else pure(*args, **named)  # the latest is last
+        if len(known) > most:
+            known.pop(next(iter(known)), None)
+        return known.get(question)
 
     return call
 

@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import re
+import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from companion.pages.replay import Answers
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
 from companion.view.panels.verdict import drift_table
+from tests.processes import COMPANION
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow
@@ -74,6 +76,12 @@ def same(shown: str, value: float) -> bool:
     """Whether what is shown, in the digits that it has, is this value."""
     digits = len(shown.partition(".")[2])
     return abs(float(shown) - value) <= 0.5001 * 0.1**digits
+
+
+def test_a_process_that_knows_no_other_flight(flight: Document) -> None:
+    """What was analysed before changes nothing: here others may have been, and their answers are remembered."""
+    alone = subprocess.run([*COMPANION, "analyze", DEMO, "--json"], check=True, capture_output=True, text=True)
+    assert json.loads(alone.stdout)["flights"][0] == flight
 
 
 def test_the_terminal(flight: Document, capsys: Captured) -> None:

@@ -76,8 +76,8 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
 def times_of_change(t: Array) -> tuple[float, float]:
     """From when to when something may be seen to change, of keyframes at t (K,), s.
 
-    What is wrong from the first seconds on is a constant: nothing before it can be compared. What has only begun can be,
-    though little is known of it: without it another hypothesis would have to explain it.
+    What is wrong from the first seconds on is a constant: nothing before it can be compared. What has only begun can
+    be, though little is known of it: without it another hypothesis would have to explain it.
     """
     begin, end = float(t[0]), float(t[-1])
     margin = min(num.CHANGE_MARGIN_S, num.CHANGE_MARGIN * (end - begin))
