@@ -154,17 +154,8 @@ def next_cause(
     for limits in _doubted_noise(setup, settled, linear, accepted, shown):
         _, believed = estimate(setup, start, accepted, limits, white=True)
         candidates |= _candidates(trials(believed.problem, believed.solution))
-    tried = [one for choice in candidates.values() if (one := _with(setup, begin, accepted, choice)) is not None]
-    weighed = [Choice.of_trial(one) for one in usual]
-    if tried:
-        least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
-        tried.insert(0, least)
-        problem, solution = _without_the_last(setup, least, accepted)
-        problem = replace(problem, rougher=local_noise(least.linear, least.choice))
-        weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
-        if least.choice.taken:
-            weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
-            weighed.sort(key=lambda one: -one.log_odds)
+    tried, weighed = _tried(setup, begin, accepted, candidates.values())
+    weighed = weighed or [Choice.of_trial(one) for one in usual]
     rivals = tuple(one.rival for one in weighed)
     impossible = set[str]()
     for best in (one for one in weighed if one.kind.name not in impossible):
@@ -178,6 +169,41 @@ def next_cause(
             return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
         impossible.add(best.kind.name)
     return _likeliest_faults(rivals)
+
+
+def _tried(
+    setup: Setup, begin: Start, accepted: Sequence[Choice], candidates: Iterable[Choice]
+) -> tuple[list[Cause], list[Choice]]:
+    """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
+
+    The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
+    """
+    tried, weighed = list[Cause](), list[Choice]()
+    left = sorted(candidates, key=lambda one: one.log_odds)
+    while left:
+        if (one := _with(setup, begin, accepted, left.pop())) is None:
+            continue
+        if tried and likelihood(one.settled, one.linear) <= likelihood(tried[0].settled, tried[0].linear):
+            tried.append(one)
+            continue
+        tried.insert(0, one)
+        weighed = _weighed(setup, one, accepted)
+        odds = {other.name: other.log_odds for other in reversed(weighed)}
+        own = odds.get(one.choice.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
+        if all(own > odds.get(other.name, num.LOG_ZERO) for other in left):
+            break
+    return tried, weighed
+
+
+def _weighed(setup: Setup, cause: Cause, accepted: Sequence[Choice]) -> list[Choice]:
+    """Every hypothesis in the place of a cause, at its noise, the likeliest first."""
+    problem, solution = _without_the_last(setup, cause, accepted)
+    problem = replace(problem, rougher=local_noise(cause.linear, cause.choice))
+    weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
+    if cause.choice.taken:
+        weighed = [_as_moved(one, cause) if one.name == cause.choice.name else one for one in weighed]
+        weighed.sort(key=lambda one: -one.log_odds)
+    return weighed
 
 
 def _likeliest_faults(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
