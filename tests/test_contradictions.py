@@ -30,7 +30,7 @@ QUICK = (
     "invariance/attitude_1hz_demo_25-75s.tlog.xz", "invariance/slide_gyrbias_z_77_40.tlog.xz",
     "strangers/erlerobot__logs__PXFv2.0b+Rpi.BIN.xz", "strangers/erlerobot__logs__73.BIN.xz",
     "ap_witness/clean_cruise.tlog.xz", "ap_witness/gyro1_z_15mrad.tlog.xz",
-    "ap_witness/compass_rot_defaultcal.tlog.xz", "px4_faults/q_gps_creep.tlog.xz", "px4_faults/q_accel_step.tlog.xz",
+    "px4_faults/q_gps_creep.tlog.xz", "px4_faults/q_accel_step.tlog.xz",
 )  # fmt: skip
 """Of those beside the project: few, quick, or analysed by other tests as well."""
 
