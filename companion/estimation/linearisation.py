@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from companion.constants import healthy, num
+from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import SLOW, Kinematics, measure, three_samples
+from companion.estimation.measurements import measure
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -26,6 +27,7 @@ from companion.estimation.model import (
     ProcessNoise,
     States,
 )
+from companion.estimation.readings import Kinematics, three_samples
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
     Index,
@@ -138,7 +140,7 @@ def linearise(
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
-        one = _with_slow_error(measure(readings, states, at, path.path, setup.index), setup, states)
+        one = _with_slow_error(measure(readings, at), setup, states)
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(
@@ -270,7 +272,8 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     position *= imu_known[:, None, None]
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, imu_known, setup.gravity)
+    rate = track.gyro[index] - s.gyro_bias
+    return Kinematics(s, path.path, index, setup.t, rate, when, velocity, position, imu_known, setup.gravity)
 
 
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:
