@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from companion.analysis.assessment import Assessment
 from companion.analysis.phases import phases
 from companion.constants import check, harm, priors
+from companion.estimation import AIDING
 from companion.model import Flight
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _WORDS: Mapping[str, re.Pattern[str]] = {
 }
 """What a vehicle says itself: ArduCopter `thrust_loss_check`, PX4 `FailureDetector`."""
 
-_SIDES = {"imu": ("imu",), "aiding": ("gps", "compass", "barometer"), "estimator": ("autopilot",)}
+_SIDES = {"imu": ("imu",), "aiding": AIDING, "estimator": ("autopilot",)}
 """Cause → the sides of the verdict that it stands for."""
 
 
@@ -61,7 +62,7 @@ def _shares(assessment: Assessment, until: float) -> tuple[dict[str, float], dic
         if f.severity != "error" or f.side == "data" or f.start_s >= until:
             continue
         cause = f.cause
-        side = f.side if cause is None or cause.sensor not in ("gps", "compass", "barometer") else cause.sensor
+        side = f.side if cause is None or cause.sensor not in AIDING else cause.sensor
         told.setdefault(side, []).append(f.evidence)
         sure = cause.side_probability if cause is not None and cause.side_probability is not None else priors.ACCUSED
         if sure > shares.get(side, 0.0):

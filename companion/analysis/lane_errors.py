@@ -13,7 +13,7 @@ from companion.analysis.deviations import COMPONENTS, at_first
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import BoolArray, attitude_error, length
 from companion.constants import healthy, num, priors
-from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, chi_square
+from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEstimate, chi_square
 from companion.model import Array, EstimatorLane, Flight, nearest
 
 _BLOCKS: Mapping[str, slice] = {"turn": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
@@ -115,7 +115,7 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
     if "gps_position" not in best.residuals:
         sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
     errors = {name: np.where(near[:, None], sources[of][:, own], np.nan) for name, (of, own) in COMPONENTS.items()}
-    if not {"gps_height", "barometer"} & best.residuals.keys():
+    if HEIGHTS.isdisjoint(best.residuals):
         errors["height"] = np.full_like(errors["height"], np.nan)
     if best.heading_from == "first guess":  # nothing but the autopilot's own attitude told it
         errors["heading"] = np.full_like(errors["heading"], np.nan)

@@ -21,7 +21,7 @@ def _read_barometer(sensor: AidingSensor, intake: Intake) -> Readings | None:
     good = np.zeros(0, np.bool_) if one is None else np.isfinite(one.altitude)
     if one is None or good.sum() <= 5 or np.ptp(one.altitude[good]) == 0:
         return None
-    return sensor.at_keyframes(one.t[good], one.altitude[good][:, None], None, intake.t, 2 * intake.spacing)
+    return sensor.at_keyframes(one.t[good], one.altitude[good][:, None], intake.t, 2 * intake.spacing)
 
 
 def _predict_height(one: Readings, at: Kinematics) -> Prediction:
@@ -76,6 +76,9 @@ _ROWS = (
 
 SENSORS: Mapping[str, AidingSensor] = {row.name: row for row in _ROWS}
 """Name of the readings → their row."""
+
+HEIGHTS = frozenset(name for name, row in SENSORS.items() if row.height)
+"""Readings that are a height above a fixed place."""
 
 SLOW = {name: row.slow for name, row in SENSORS.items() if row.slow is not None}
 """Name of the readings → median, factor of its spread and correlation time of their slow error."""

@@ -40,7 +40,7 @@ def read_compass(sensor: AidingSensor, intake: Intake) -> Readings | None:
     if not good.all():
         when, field = when[good], field[good]
     spacing = intake.spacing if intake.gps is not None else max(intake.spacing, num.NO_GPS_SPACING_S)
-    readings = sensor.at_keyframes(when, field, None, intake.t, spacing)
+    readings = sensor.at_keyframes(when, field, intake.t, spacing)
     readings = averaged(readings, when, field, _hardly_turned(track, readings.t))
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
     sample = three_samples(track, sample, num.FIELD_SAMPLES_S, before=2)

@@ -146,7 +146,7 @@ class Kind:
     about: str  # in words
     phrase: Phrase  # how one of a certain size is said
     advice: str
-    side: str  # whose it is: "imu", "gps", "compass", "barometer"
+    side: str  # whose it is: "imu", or the device of an aiding sensor
     unit: str
     shapes: tuple[str, ...]
     prior: float  # 1σ of a size that may occur, in the unit; of a ramp reached within the flight
@@ -307,7 +307,7 @@ def _alone(sensor: AidingSensor, jump: Jump) -> Kind:
     return Kind(
         sensor.name, jump.about, by_length(f"the {words(sensor.name)}", sensor.unit), jump.advice, sensor.device,
         sensor.unit, jump.shapes, jump.prior, jump.least, _shift(sensor.name), least_slow=jump.least_slow,
-        serious=jump.serious, rate=jump.rate,
+        rate=jump.rate,
     )  # fmt: skip
 
 
@@ -378,6 +378,9 @@ KINDS: tuple[Kind, ...] = (
     *(_alone(sensor, sensor.jump) for sensor in SENSORS.values() if sensor.jump is not None),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
+
+AIDING = tuple(dict.fromkeys(kind.side for kind in KINDS if kind.side != "imu"))
+"""The sides beside the IMU."""
 
 
 def kind_of(name: str) -> Kind:

@@ -40,10 +40,7 @@ def read_fixes(sensor: AidingSensor, intake: Intake) -> Readings | None:
     good = np.isfinite(value).all(axis=1) & (track.fix_type >= 3)
     if good.sum() < 2:
         return None
-    stated = np.isfinite(own) & (own > 0)
-    sigma = np.where(stated, np.maximum(own, 0.05 * sensor.nominal), sensor.nominal)
-    sigma = np.repeat(sigma[:, None], value.shape[1], axis=1)
-    return sensor.at_keyframes(track.t[good], value[good], sigma[good], intake.t, 2 * intake.spacing)
+    return sensor.at_keyframes(track.t[good], value[good], intake.t, 2 * intake.spacing, own[good])
 
 
 def predict_fix(one: Readings, at: Kinematics) -> Prediction:

@@ -110,7 +110,6 @@ class Jump:
     least: float
     rate: float
     least_slow: float = 0.0
-    serious: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +131,15 @@ class AidingSensor:
     height: bool = False  # whether it reads the height above a fixed place, and nothing else
     jump: Jump | None = None  # what is wrong where it is off by itself; None for what has rows of its own
 
-    def at_keyframes(self, when: Array, value: Array, sigma: Array | None, t: Array, spacing: float) -> Readings:
-        """The nearest to each keyframe t (K,) of readings (N, d) with their own σ (N, d) or the nominal one, once each.
+    def at_keyframes(self, when: Array, value: Array, t: Array, spacing: float, own: Array | None = None) -> Readings:
+        """Of readings (N, d) at times (N,) s the nearest to each keyframe t (K,), each once.
 
-        Where one is valid within half a spacing (s).
+        Where one is valid within half a spacing (s). own: (N,) 1σ that the sensor states, NaN or 0 where it states
+        none: believed down to a twentieth of the nominal one.
         """
-        sigma = np.full(value.shape, self.nominal) if sigma is None else sigma
+        sigma = np.full(len(value), self.nominal)
+        if own is not None:
+            sigma = np.where(np.isfinite(own) & (own > 0), np.maximum(own, 0.05 * self.nominal), self.nominal)
         valid = when - self.latency_s
         i = np.clip(np.searchsorted(valid, t), 1, max(len(valid) - 1, 1))
         i = i - (t - valid[i - 1] < valid[np.minimum(i, len(valid) - 1)] - t)
@@ -147,7 +149,8 @@ class AidingSensor:
         once = np.concatenate([[True], np.diff(i) > 0]) if len(i) else np.zeros(0, np.bool_)
         k, i = k[once], i[once]
         unused = np.zeros(len(i), np.intp)
-        return Readings(self.name, when[i], k, value[i], sigma[i], unused, latency_s=self.latency_s)
+        sigma = np.repeat(sigma[i, None], value.shape[1], axis=1)
+        return Readings(self.name, when[i], k, value[i], sigma, unused, latency_s=self.latency_s)
 
     def at(self, t: Array, keyframe: Index, value: Array, sigma: Array | None = None) -> Readings:
         """Readings (M, d) that are made at keyframes (M,), at times t (M,) s."""

@@ -30,7 +30,7 @@ def test_each_keyframe_has_the_nearest_reading_within_half_a_spacing_and_each_re
 ) -> None:
     rng = np.random.default_rng(seed)
     when = np.sort(rng.uniform(-1.0, 31.0, round(32 * rate)))
-    found = SENSORS["barometer"].at_keyframes(when, when[:, None], None, T, SPACING)
+    found = SENSORS["barometer"].at_keyframes(when, when[:, None], T, SPACING)
     apart = np.abs(when[:, None] - T[found.keyframe])
     assert (found.t == when[apart.argmin(axis=0)]).all(), "the nearest of all"
     assert (np.abs(found.t - T[found.keyframe]) <= 0.5 * SPACING + 1e-3).all()
