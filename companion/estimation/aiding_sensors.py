@@ -1,6 +1,7 @@
 """The aiding sensors: one row says all that is known of each, and everything else goes through the rows.
 
-barometer  z = -p_down + offset
+barometer    z = -p_down + offset
+rangefinder  z = (-p_down + offset) / (C e_z · e_z): the distance to level ground along the body's down axis
 """
 
 from __future__ import annotations
@@ -8,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.constants import harm, healthy
 from companion.estimation.compass import predict_field, read_compass
 from companion.estimation.gps_fixes import predict_fix, read_fixes
 from companion.estimation.readings import AidingSensor, Intake, Jump, Kinematics, Prediction, Readings
+from companion.model import PITCH_270, RangeTrack
+from companion.strapdown import quaternion
 
 
 def _read_barometer(sensor: AidingSensor, intake: Intake) -> Readings | None:
@@ -29,6 +33,33 @@ def _predict_height(one: Readings, at: Kinematics) -> Prediction:
     constant = f"{one.name}_offset"
     value = (at.states.constant(constant)[0] - at.states.position[one.keyframe, 2])[:, None]
     return Prediction(value, {"position": np.array([0.0, 0.0, -1.0]), constant: np.ones(1)})
+
+
+def _read_rangefinder(sensor: AidingSensor, intake: Intake) -> Readings | None:
+    """Of those that look down the one with the most readings; at either end of its range it reads no distance."""
+
+    def good(one: RangeTrack) -> npt.NDArray[np.bool_]:
+        least, most = (end if end is not None else limit for end, limit in ((one.least, 0.0), (one.most, np.inf)))
+        return np.asarray((one.distance > least) & (one.distance < most))
+
+    down = [(one, good(one)) for one in intake.flight.ranges if one.orientation == PITCH_270]
+    one, read = max(down, key=lambda pair: int(pair[1].sum()), default=(None, np.zeros(0, np.bool_)))
+    if one is None or read.sum() < 2:
+        return None
+    distance = one.distance[read][:, None]
+    return sensor.at_keyframes(one.t[read], distance, intake.t, 2 * intake.spacing, one.sigma[read])
+
+
+def _predict_distance(one: Readings, at: Kinematics) -> Prediction:
+    """The distance to level ground along the body's down axis: times the cosine of the tilt it is the height.
+
+    The tilt is left to the other sensors: over sloping ground it would be wrong. Beyond 45° it observes nothing.
+    """
+    height = _predict_height(one, at)
+    cosine = quaternion.to_matrix(at.states.q_ned_frd[one.keyframe])[:, 2, 2, None]
+    level = cosine > np.sqrt(0.5)
+    value = np.where(level, one.value * (1.0 - cosine) + height.value, one.value)
+    return Prediction(value, {name: level[..., None] * one for name, one in height.derivatives.items()})
 
 
 def _read_rest_velocity(sensor: AidingSensor, intake: Intake) -> Readings | None:
@@ -69,6 +100,10 @@ _ROWS = (
                  offset=1000.0, height=True,
                  jump=Jump("the barometer jumps or creeps", "Shield it from wind and light.",
                            ("step", "ramp", "pulse"), 20.0, 4.0, 1.0, harm.CREEP_M)),
+    # 1σ: the default of ArduPilot's EK3_RNG_M_NSE. Nothing bounds the ground, be it a slope or a roof: a random walk of
+    # 0.5 m/√s, as by PX4's EKF2_TERR_NOISE (5 m/s in a step of 10 ms), and so a jump is no fault
+    AidingSensor("rangefinder", "rangefinder", "m", 0.5, _predict_distance, _read_rangefinder, 0.05, (10.0, 4.0, 800.0),
+                 offset=1000.0),
     AidingSensor("rest_velocity", "rest", "m/s", 0.02, _predict_velocity, _read_rest_velocity),
     AidingSensor("rest_rate", "rest", "rad/s", 2e-4, _predict_rate, _read_rest_rate),
 )  # fmt: skip
