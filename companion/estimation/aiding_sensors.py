@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from companion.constants import harm, healthy
+from companion.constants import healthy
 from companion.estimation.compass import predict_field, read_compass
 from companion.estimation.gps_fixes import predict_fix, read_fixes
-from companion.estimation.readings import AidingSensor, Intake, Jump, Kinematics, Prediction, Readings
+from companion.estimation.readings import AidingSensor, Intake, Kinematics, Prediction, Readings
 from companion.model import PITCH_270, RangeTrack
 from companion.strapdown import quaternion
 
@@ -97,9 +97,7 @@ _ROWS = (
                  latency_s=_GPS_LATENCY),
     AidingSensor("compass", "compass", "µT", 1.0, predict_field, read_compass, 0.8, (0.4, 2.0, 40.0)),
     AidingSensor("barometer", "barometer", "m", 0.5, _predict_height, _read_barometer, 0.1, (0.8, 1.5, 60.0),
-                 offset=1000.0, height=True,
-                 jump=Jump("the barometer jumps or creeps", "Shield it from wind and light.",
-                           ("step", "ramp", "pulse"), 20.0, 4.0, 1.0, harm.CREEP_M)),
+                 offset=1000.0, height=True),
     # 1σ: the default of ArduPilot's EK3_RNG_M_NSE. Nothing bounds the ground, be it a slope or a roof: a random walk of
     # 0.5 m/√s, as by PX4's EKF2_TERR_NOISE (5 m/s in a step of 10 ms), and so a jump is no fault
     AidingSensor("rangefinder", "rangefinder", "m", 0.5, _predict_distance, _read_rangefinder, 0.05, (10.0, 4.0, 800.0),

@@ -18,7 +18,6 @@ from companion.constants import harm, healthy, num, priors
 from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY, Aliased
-from companion.estimation.readings import AidingSensor, Jump
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array, words
@@ -302,15 +301,6 @@ def _rotation(problem: Problem) -> Signature | None:
     return Signature(None, {"compass": of_matrix @ skew(np.eye(3)).reshape(3, 9).T})
 
 
-def _alone(sensor: AidingSensor, jump: Jump) -> Kind:
-    """An aiding sensor that is off by itself, as its row says."""
-    return Kind(
-        sensor.name, jump.about, by_length(f"the {words(sensor.name)}", sensor.unit), jump.advice, sensor.device,
-        sensor.unit, jump.shapes, jump.prior, jump.least, _shift(sensor.name), least_slow=jump.least_slow,
-        rate=jump.rate,
-    )  # fmt: skip
-
-
 _LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the mounting and the log's gaps."
 
 KINDS: tuple[Kind, ...] = (
@@ -375,7 +365,10 @@ KINDS: tuple[Kind, ...] = (
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
          "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
-    *(_alone(sensor, sensor.jump) for sensor in SENSORS.values() if sensor.jump is not None),
+    *(Kind(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
+           "Shield it from wind and light.",
+           sensor.device, "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift(name), least_slow=harm.CREEP_M, rate=1.0)
+      for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 

@@ -100,19 +100,6 @@ class Intake:
 
 
 @dataclass(frozen=True, slots=True)
-class Jump:
-    """What is wrong with a sensor that is off by itself: the numbers of `explanations.Kind`."""
-
-    about: str
-    advice: str
-    shapes: tuple[str, ...]
-    prior: float
-    least: float
-    rate: float
-    least_slow: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class AidingSensor:
     """All that is known of an aiding sensor: the readings of one name, of which a device may have several."""
 
@@ -129,7 +116,6 @@ class AidingSensor:
     offset: float = 0.0  # 1σ, before the flight, of a constant of the flight that adds to what it reads; 0: none
     latency_s: float = 0.0  # by which readings usually are late
     height: bool = False  # whether it reads the height above a fixed place, and nothing else
-    jump: Jump | None = None  # what is wrong where it is off by itself; None for what has rows of its own
 
     def at_keyframes(self, when: Array, value: Array, t: Array, spacing: float, own: Array | None = None) -> Readings:
         """Of readings (N, d) at times (N,) s the nearest to each keyframe t (K,), each once.
