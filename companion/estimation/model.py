@@ -235,7 +235,7 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BestEstimate:
-    """A third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
+    """A trajectory from one IMU, every aiding sensor and rest, without the autopilot's estimate."""
 
     imu: ImuTrack  # that it was carried by
     index: npt.NDArray[np.intp]  # (K,) samples of the IMU track at which the keyframes stand
