@@ -9,14 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.aiding_sensors import SENSORS
+from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
 from companion.estimation.gps_fixes import FIXED
 from companion.estimation.low_pass import BoolArray, restored, undelayed
-from companion.estimation.measurements import slow_places
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, Aliased, States
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, Aliased, States
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.readings import Intake, Readings
 from companion.estimation.system import Index
@@ -99,7 +98,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 aliased, tuple(notes), slow_places(readings), scattering, others)  # fmt: skip
+                 aliased, tuple(notes), _slow_places(readings), scattering, others)  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -157,6 +156,16 @@ def _readings(intake: Intake) -> list[Readings]:
         every = np.arange(len(intake.t), dtype=np.intp)
         readings.insert(0, SENSORS["calm"].at(intake.t, every, np.zeros((len(every), 3))))
     return readings
+
+
+def _slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
+    """Aiding sensor → place of its slow error among the states of a keyframe, behind those of the motion."""
+    places, at = dict[str, slice](), STATES
+    for one in readings:
+        if one.name in SLOW:
+            places[one.name] = slice(at, at + one.value.shape[1])
+            at = places[one.name].stop
+    return places
 
 
 def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Array, Array]:

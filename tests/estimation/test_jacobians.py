@@ -13,8 +13,7 @@ from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
-from companion.estimation.measurements import measure
+from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise, measure
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up
