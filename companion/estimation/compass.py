@@ -12,16 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.readings import (
-    AidingSensor,
-    Intake,
-    Kinematics,
-    Prediction,
-    Readings,
-    averaged,
-    three_samples,
-    through,
-)
+from companion.estimation.readings import AidingSensor, Intake, Kinematics, Prediction, Readings, three_samples, through
 from companion.model import Array, ImuTrack, interpolated
 from companion.strapdown import quaternion, skew
 
@@ -41,10 +32,22 @@ def read_compass(sensor: AidingSensor, intake: Intake) -> Readings | None:
         when, field = when[good], field[good]
     spacing = intake.spacing if intake.gps is not None else max(intake.spacing, num.NO_GPS_SPACING_S)
     readings = sensor.at_keyframes(when, field, intake.t, spacing)
-    readings = averaged(readings, when, field, _hardly_turned(track, readings.t))
+    readings = _averaged(readings, when, field, _hardly_turned(track, readings.t))
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
     sample = three_samples(track, sample, num.FIELD_SAMPLES_S, before=2)
     return replace(readings, value=readings.value * num.MICROTESLA, sample=sample)
+
+
+def _averaged(one: Readings, when: Array, value: Array, half_s: Array) -> Readings:
+    """Readings (M, d) that are each the mean of those at times `when` (N,) within half_s (M,) of it, either way alike.
+
+    What scatters from one to the next is less by the root of their number; what changes evenly meanwhile cancels.
+    """
+    i = np.searchsorted(when, one.t)
+    n = np.minimum(i - np.searchsorted(when, one.t - half_s), np.searchsorted(when, one.t + half_s, "right") - 1 - i)
+    sums = np.concatenate([np.zeros((1, 1 + value.shape[1])), np.cumsum(np.column_stack([when, value]), axis=0)])
+    mean = (sums[i + n + 1] - sums[i - n]) / (2 * n + 1)[:, None]
+    return replace(one, t=mean[:, 0], value=mean[:, 1:])
 
 
 def _hardly_turned(track: ImuTrack, t: Array) -> Array:

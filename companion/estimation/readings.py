@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -155,18 +155,6 @@ def through(when: Array, change: Array, late: Array) -> tuple[Array, Array]:
         slope[:, own] = (2.0 * late[:, 0] - when[:, one] - when[:, other]) / apart
     changed, goes_on = np.einsum("mj,mji->mi", share, change), np.einsum("mj,mji->mi", slope, change)
     return changed + goes_on * beyond, goes_on
-
-
-def averaged(one: Readings, when: Array, value: Array, half_s: Array) -> Readings:
-    """Readings (M, d) that are each the mean of those at times `when` (N,) within half_s (M,) of it, either way alike.
-
-    What scatters from one to the next is less by the root of their number; what changes evenly meanwhile cancels.
-    """
-    i = np.searchsorted(when, one.t)
-    n = np.minimum(i - np.searchsorted(when, one.t - half_s), np.searchsorted(when, one.t + half_s, "right") - 1 - i)
-    sums = np.concatenate([np.zeros((1, 1 + value.shape[1])), np.cumsum(np.column_stack([when, value]), axis=0)])
-    mean = (sums[i + n + 1] - sums[i - n]) / (2 * n + 1)[:, None]
-    return replace(one, t=mean[:, 0], value=mean[:, 1:])
 
 
 def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:
