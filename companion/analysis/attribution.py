@@ -31,12 +31,7 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.constants import check, num, priors
-from companion.estimation import (
-    BestEstimate,
-    harmful,
-    kind_of,
-    times_of_change,
-)
+from companion.estimation import HEIGHTS, BestEstimate, harmful, kind_of, times_of_change
 from companion.model import SensorInUse, words
 
 
@@ -51,7 +46,7 @@ def follows(deviation: EstimatorDeviation, interval: FaultInterval, best: BestEs
     """Whether a deviation may be the consequence of an interval."""
     if deviation.start < interval.start - check.NEAR_S - num.SIGMAS * interval.start_sigma:
         return False
-    if interval.kind in _OF_HEIGHT:
+    if interval.kind in HEIGHTS:
         most = check.OVERSHOOT * interval.magnitude + num.SIGMAS * deviation.sigma
         return deviation.quantity == "height" and deviation.size < most
     if interval.side != "compass":
@@ -191,7 +186,6 @@ def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
     )
 
 
-_OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
 
 

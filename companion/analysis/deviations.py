@@ -19,6 +19,7 @@ from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
     CONSTANTS,
+    HEIGHTS,
     POSITION,
     VELOCITY,
     BestEstimate,
@@ -233,7 +234,7 @@ def estimator_deviations(
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, _together(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull, between.velocity)
         off["position"] = place, _together(_greatest(best.sigma(POSITION)[:, :2]), late * swift, between.position)
-    if {"gps_height", "barometer"} <= best.residuals.keys() and known.sum() > 5:
+    if len(HEIGHTS & best.residuals.keys()) > 1 and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
         off["height"] = np.abs(above - at_first(above, known, which)), height

@@ -35,7 +35,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class TimelineRow:
-    """Something that was said or happened. The text is untrusted."""
+    """Something that was announced or happened. The text is untrusted."""
 
     after_s: float  # s, after the moment; negative before it
     what: str  # "text", "mode", "armed", "error", "reset", "lane", "parameter", "finding"
@@ -76,7 +76,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Incident:
-    """All that is to be told of one moment."""
+    """All that is known of one moment."""
 
     moment: Moment
     start_s: float  # boot clock, the window
@@ -95,8 +95,8 @@ def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]
     failsafes = [Moment(e.t, "failsafe", e.text) for e in flight.events if e.kind == "error" and "failsafe" in e.text]
     causes = []
     if assessment is not None:
-        told = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
-        causes = [Moment(f.cause.onset_s, "cause", f.evidence) for f in told if f.cause is not None]
+        errors = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
+        causes = [Moment(f.cause.onset_s, "cause", f.evidence) for f in errors if f.cause is not None]
     lanes = [Moment(r.t, "lane_switch", r.text) for r in flight.resets if r.kind == "lane"]
     return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))
 
@@ -113,7 +113,7 @@ def incident(flight: Flight, assessment: Assessment | None, at: float | None = N
         every = moments(flight, assessment)
         if not every:
             raise DataError(
-                "nothing went wrong that the log tells of: no loss of control, failsafe, fault or lane switch. "
+                "nothing went wrong in this log: no loss of control, failsafe, fault or lane switch. "
                 "Name a time with --at SECONDS (boot clock)."
             )
         moment = every[0]
@@ -122,8 +122,8 @@ def incident(flight: Flight, assessment: Assessment | None, at: float | None = N
     lost = moment.kind == "loss_of_control" or (tracking is not None and tracking.left_s is not None)
     causes = of_loss(flight, assessment, moment.t, tracking, outputs) if lost else of_verdict(assessment)
     missing = tuple(
-        said
-        for lacks, said in (
+        name
+        for lacks, name in (
             (flight.control is None, "the desired attitude"),
             (flight.actuators is None, "motors and servos"),
             (not flight.imus, "the IMU"),

@@ -13,7 +13,7 @@ from companion.analysis.deviations import COMPONENTS, at_first
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import BoolArray, attitude_error, length
 from companion.constants import healthy, num, priors
-from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, chi_square
+from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEstimate, chi_square
 from companion.model import Array, EstimatorLane, Flight, nearest
 
 _BLOCKS: Mapping[str, slice] = {"turn": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
@@ -73,7 +73,7 @@ def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorL
     changed = _heading_by_change(made, best, judged)
     if changed is not None:
         covariance["heading"] = changed[:, None, None] ** 2
-    for one in made:  # what is known no better than a healthy lane says nothing about any
+    for one in made:  # what is known no better than a healthy lane distinguishes none
         for name, error in one.error.items():
             error[np.trace(covariance[name], axis1=1, axis2=2) >= healthy_bound(name) ** 2] = np.nan
     return Compared(best.t, judged, covariance, tuple(made), changed is not None)
@@ -115,9 +115,9 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
     if "gps_position" not in best.residuals:
         sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
     errors = {name: np.where(near[:, None], sources[of][:, own], np.nan) for name, (of, own) in COMPONENTS.items()}
-    if not {"gps_height", "barometer"} & best.residuals.keys():
+    if HEIGHTS.isdisjoint(best.residuals):
         errors["height"] = np.full_like(errors["height"], np.nan)
-    if best.heading_from == "first guess":  # nothing but the autopilot's own attitude told it
+    if best.heading_from == "first guess":  # nothing but the autopilot's own attitude has it
         errors["heading"] = np.full_like(errors["heading"], np.nan)
     return errors
 
@@ -148,24 +148,24 @@ def off_probability(one: LaneErrors, compared: Compared, where: BoolArray) -> fl
 def nearer_probability(
     one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArray, odds: float = 1.0
 ) -> float | None:
-    """That a lane is nearer to the truth than another over keyframes (K,), in the mean square; None: nothing tells.
+    """That a lane is nearer to the truth than another over keyframes (K,), in the mean square; None: not observable.
 
     The difference e - f of two lanes is logged, and has no error of the best estimate in it: with its error δ between
     them, |f - δ|² - |e - δ|² = |f|² - |e|² + 2 (e - f)·δ, which is linear in δ. δ is taken as the same throughout: that
     makes it the least sure. Each quantity counts in units of what a healthy estimator is off by. odds: that the lane is
     the nearer one, before the best estimate has spoken.
     """
-    gain, variance, told = 0.0, 0.0, False
+    gain, variance, observable = 0.0, 0.0, False
     for quantity, e in one.error.items():
         f, known = other.error[quantity], where & one.known(quantity) & other.known(quantity)
         if known.any():
-            told = True
+            observable = True
             unit = healthy.AP_SIGMA[quantity] ** 2
             apart = (e - f)[known]
             gain += float(((f[known] ** 2).sum(axis=1) - (e[known] ** 2).sum(axis=1)).mean()) / unit
             own = np.einsum("ki,kij,kj->k", apart, compared.covariance[quantity][known], apart)
             variance += 4.0 * float(own.mean()) / unit**2
-    if not told:
+    if not observable:
         return None
     share = NormalDist().cdf(gain / math.sqrt(variance)) if variance > 0.0 else 0.5  # the same to the last bit
     return share * odds / (share * odds + 1.0 - share)

@@ -1,6 +1,6 @@
 """Which lane of a redundant estimator should have been flown: each against the best estimate, each switch judged.
 
-Nothing is said about what the controller would have done with another lane. A lane is called off where another one is
+Not judged is what the controller would have done with another lane. A lane is called off where another one is
 surely nearer to the truth and it is surely further off than a healthy one: what all lanes share is no lane's fault.
 """
 
@@ -55,7 +55,7 @@ class LaneInSpan:
 
     lane: str
     errors: tuple[LaneError, ...]
-    nearest: float | None  # probability that it is nearer than each other lane that may fly, the least; None: not told
+    nearest: float | None  # least probability that it is nearer than each other lane that may fly; None: not observable
     off: bool  # whether it is surely further off than a healthy one, and another lane surely nearer
 
 
@@ -227,8 +227,8 @@ def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
     if used is not None:
         changes = used.changes
     else:
-        told = sorted((one.t, one.core) for one in flight.resets if one.kind == "lane" and one.core is not None)
-        changes = [(flight.start, -1), *told]
+        announced = sorted((one.t, one.core) for one in flight.resets if one.kind == "lane" and one.core is not None)
+        changes = [(flight.start, -1), *announced]
     by_core = {one.lane.core: one for one in compared.lanes if one.lane.core is not None}
     for (_, before), (t, after) in pairwise(changes):
         later = min((at for at, _ in changes if at > t), default=np.inf)
@@ -246,8 +246,8 @@ def _switch(
     (t, end), (old_core, old), (new_core, new) = span, before, after
     names = [f"core {core}" if one is None else one.lane.name for core, one in (before, after)]
     names[0] = names[0] if old_core >= 0 else "the lane before"
-    told = [r.t for r in flight.resets if r.core == new_core and r.kind != "lane" and t - check.NEAR_S <= r.t <= t]
-    unknown = LaneSwitch(t, names[0], names[1], end, reset_s=t - told[-1] if told else None)
+    resets = [r.t for r in flight.resets if r.core == new_core and r.kind != "lane" and t - check.NEAR_S <= r.t <= t]
+    unknown = LaneSwitch(t, names[0], names[1], end, reset_s=t - resets[-1] if resets else None)
     if old is None or new is None:
         return replace(unknown, why="the log does not have both lanes")
     where = compared.within(t, end)
@@ -272,9 +272,9 @@ def _switch(
 
 
 def readers(lanes: Sequence[EstimatorLane], cause: Cause, start: float, end: float) -> tuple[str, ...] | None:
-    """The lanes that read the sensor that was wrong between two times, s; None where the log does not tell.
+    """The lanes that read the sensor that was wrong between two times, s; None where the log does not have them.
 
-    Of GPS, compass and barometer a cause does not say which: all lanes read it where all of them read the same one.
+    A cause names no instance of GPS, compass or barometer: all lanes read it where all of them read the same one.
     """
     if not lanes:
         return None
@@ -306,4 +306,4 @@ def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate
     if "gps_position" not in best.residuals:
         yield "without a GPS velocity and position of the lanes cannot be judged"
     if best.heading_from == "first guess":
-        yield "no sensor tells the heading: that of the lanes cannot be judged"
+        yield "the heading is not observable: that of the lanes cannot be judged"

@@ -2,7 +2,7 @@
 
 A line is no-go where its size is beyond the limit with 95 % probability, go where it is within with as much, and
 cannot be told in between. Limits are what healthy vehicles stay within (`constants/healthy`) or what an estimator needs
-(`constants/harm`); those of the autopilots' own pre-arm checks are told beside them, and are wider.
+(`constants/harm`); those of the autopilots' own pre-arm checks stand beside them, and are wider.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Preflight:
 
     start_s: float  # boot clock, the stretch that was looked at
     end_s: float
-    motors_off: bool  # whether the vehicle says that it is disarmed throughout
+    motors_off: bool  # whether the vehicle reports itself disarmed throughout
     checks: tuple[Check, ...]
-    said: tuple[str, ...]  # what the vehicle itself says against arming, in that time: untrusted
+    said: tuple[str, ...]  # what the vehicle itself reports against arming, in that time: untrusted
     missing: tuple[str, ...]  # what could not be checked, and why
 
     @property
@@ -61,9 +61,9 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
         for name, there in (("compass", flight.compasses), ("barometer", flight.barometers), ("GPS", flight.gps))
         if not there
     ]
-    said = (text.text for text in flight.texts if standing.start <= text.t <= standing.end and _refuses(text.text))
+    refusals = (text.text for text in flight.texts if standing.start <= text.t <= standing.end and _refuses(text.text))
     return Preflight(
-        standing.start, standing.end, standing.motors_off, tuple(checks), tuple(dict.fromkeys(said)), tuple(missing)
+        standing.start, standing.end, standing.motors_off, tuple(checks), tuple(dict.fromkeys(refusals)), tuple(missing)
     )
 
 
@@ -182,7 +182,7 @@ def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iter
         slope, sigma = _slope(own.t, own.gyro)
         within = harm.WARMING_S * np.array([slope, sigma])
         limit = healthy.USUAL_BIAS["gyro"]
-        if num.SIGMAS * within[1] < limit:  # else the stretch is too short to tell
+        if num.SIGMAS * within[1] < limit:  # else the stretch is too short
             yield judged("gyro_warming", track.source, float(within[0]), float(within[1]), limit, "rad/s")
     for sensor, readings in (("gyro", own.gyro), ("accel", own.accel)):
         step = getattr(track, f"{sensor}_step")

@@ -34,7 +34,7 @@ from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
-from companion.estimation import CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
+from companion.estimation import AIDING, CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
 from companion.model import STANDARD_GRAVITY, Array, Flight
 
 Reading = tuple[Array, Array]
@@ -304,7 +304,7 @@ def _weighed(
         sure = _by_its_onset(best, cause)
     elif measured:
         return _measured(fault, reads(cause, flight, best))
-    elif cause.sensor in _AIDING and cause.end_s is None:
+    elif cause.sensor in AIDING and cause.end_s is None:
         sure = 0.0 if _came_back(fault, best) else sure
     elif judged:
         sure = _unseen(end - fault.seen_s)
@@ -342,7 +342,6 @@ def _comes_again(cause: Cause, flight: Flight, end: float) -> bool:
 
 
 _STILL = ("stuck_axis", "frozen")
-_AIDING = ("gps", "compass", "barometer")
 
 
 def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:

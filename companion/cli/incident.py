@@ -35,21 +35,21 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"cannot write {path}: the name has to end in .md or .html.")
     settings, recording, flight = options.one_flight(arguments)
     assessment = _assessed(flight, settings)
-    told = incident(flight, assessment, arguments.at)
+    shown = incident(flight, assessment, arguments.at)
     verdict = "" if assessment is None else assessment.verdict.summary
     name = Path(arguments.log).name
     if arguments.json:
-        print(encode(incident_document(recording.source, flight, told)))
+        print(encode(incident_document(recording.source, flight, shown)))
     if path is None:
         if not arguments.json:
-            print(incident_markdown(told, flight, verdict, name), end="")
+            print(incident_markdown(shown, flight, verdict, name), end="")
         return 0
     if path.suffix == ".html":
         from companion.report import incident_html  # noqa: PLC0415  (the charts are slow to import)
 
-        page = incident_html(told, flight, None if assessment is None else assessment.best, verdict, name)
+        page = incident_html(shown, flight, None if assessment is None else assessment.best, verdict, name)
     else:
-        page = incident_markdown(told, flight, verdict, name)
+        page = incident_markdown(shown, flight, verdict, name)
     with destination.replacing(path) as part:
         part.write_text(page, encoding="utf-8")
     options.say(f"written: {path}")
@@ -57,5 +57,5 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _assessed(flight: Flight, settings: Settings) -> Assessment | None:
-    """What sensors and estimator were like; None for a log without IMU or attitude, which tells the rest alone."""
+    """What sensors and estimator were like; None for a log without IMU or attitude, which has the rest alone."""
     return None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)

@@ -121,10 +121,10 @@ def server(folder: Path, *, timeout_s: float = _TIMEOUT_S, how: list[str] | None
     async def list_tools(*_: object) -> types.ListToolsResult:
         return types.ListToolsResult(tools=[_list_logs_tool(), *(_tool(name) for name in TOOLS)])
 
-    async def call_tool(_: object, asked: types.CallToolRequestParams) -> types.CallToolResult:
+    async def call_tool(_: object, request: types.CallToolRequestParams) -> types.CallToolResult:
         async with turn:
             return await anyio.to_thread.run_sync(
-                _answer, root, asked.name, asked.arguments or {}, timeout_s, how or []
+                _answer, root, request.name, request.arguments or {}, timeout_s, how or []
             )
 
     return Server(
@@ -151,7 +151,7 @@ def _answer(root: Path, name: str, given: Mapping[str, Any], timeout_s: float, h
 
 
 def _asked(root: Path, name: str, given: Mapping[str, Any], timeout_s: float, how: list[str]) -> tuple[Any, str]:
-    """The document, and what else the command says. Raises CompanionError where there is none."""
+    """The document, and the command's messages. Raises CompanionError where there is none."""
     if name == "list_logs":
         return _logs(root), ""
     if name not in TOOLS:
@@ -171,12 +171,12 @@ def _asked(root: Path, name: str, given: Mapping[str, Any], timeout_s: float, ho
         )
     except subprocess.TimeoutExpired:
         raise InputError(f"{name} takes longer than {timeout_s:g} s: ask for a shorter log.") from None
-    said = run.stderr.removeprefix("companion: ").strip()
+    messages = run.stderr.removeprefix("companion: ").strip()
     if len(run.stdout) > _MOST_CHARACTERS:
         raise InputError(f"the answer is longer than {_MOST_CHARACTERS:,} characters: ask for less.")
     if not run.stdout:
-        raise InputError(said or f"{name} ended with code {run.returncode}, and said nothing.")
-    return json.loads(run.stdout), said
+        raise InputError(messages or f"{name} ended with code {run.returncode} and no message.")
+    return json.loads(run.stdout), messages
 
 
 def _words(root: Path, tool: JsonTool, given: Mapping[str, Any]) -> list[str]:

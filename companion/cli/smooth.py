@@ -15,7 +15,16 @@ from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, parsers, tables
 from companion.documents import encode, estimate_document
-from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
+from companion.estimation import (
+    AIDING_SENSORS,
+    CONSTANTS,
+    SLOPED,
+    BestEstimate,
+    Explained,
+    kind_of,
+    probabilities,
+    smooth,
+)
 from companion.export import write_estimate_tum
 from companion.model import BiasTrack, Flight, InputError
 from companion.present import SENSORS, fixed, shown_unit, words
@@ -23,7 +32,8 @@ from companion.present import SENSORS, fixed, shown_unit, words
 _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
     "earth_field": ("compass", "µT, NED", 1.0), "hard_iron": ("compass", "µT, FRD", 1.0),
     "gps_latency": ("gps", "ms", 1e3), "lever_arm": ("gps", "m, FRD", 1.0),
-    "barometer_offset": ("barometer", "m", 1.0), "compass_latency": ("compass", "ms", 1e3),
+    **{f"{name}_offset": (name, row.unit, 1.0) for name, row in AIDING_SENSORS.items() if row.offset},
+    "compass_latency": ("compass", "ms", 1e3),
 }  # fmt: skip
 """Constant of the flight (the matrices are in --json) → the aiding sensor that determines it, its unit, the factor."""
 

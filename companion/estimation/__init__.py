@@ -1,5 +1,7 @@
 """The best estimate of a flight from its sensors alone, and how noisy they are. Pure: imports model and strapdown."""
 
+from companion.estimation.aiding_sensors import HEIGHTS
+from companion.estimation.aiding_sensors import SENSORS as AIDING_SENSORS
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
@@ -8,7 +10,7 @@ from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
-from companion.estimation.explanations import KINDS, Kind, Size, kind_of, main_axis, turn_of_the_field
+from companion.estimation.explanations import AIDING, KINDS, Kind, Size, kind_of, main_axis, turn_of_the_field
 from companion.estimation.gaps import clip_counters
 from companion.estimation.low_pass import restored
 from companion.estimation.model import (
@@ -54,8 +56,11 @@ from companion.estimation.spectrum import (
 )
 
 __all__ = [
+    "AIDING",
+    "AIDING_SENSORS",
     "ATTITUDE",
     "CONSTANTS",
+    "HEIGHTS",
     "KINDS",
     "POSITION",
     "SLOPED",

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.constants import harm, healthy, num, priors
+from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY, Aliased
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
-from companion.model import Array
+from companion.model import Array, words
 from companion.strapdown import quaternion, skew
 
 
@@ -95,7 +96,7 @@ def by_turn_of_the_field(size: Size) -> str:
 
 _SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
 _DEGREES = float(np.degrees(1.0))
-_GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
+_GPS = tuple(name for name, sensor in SENSORS.items() if sensor.device == "gps")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +145,7 @@ class Kind:
     about: str  # in words
     phrase: Phrase  # how one of a certain size is said
     advice: str
-    side: str  # whose it is: "imu", "gps", "compass", "barometer"
+    side: str  # whose it is: "imu", or the device of an aiding sensor
     unit: str
     shapes: tuple[str, ...]
     prior: float  # 1σ of a size that may occur, in the unit; of a ramp reached within the flight
@@ -364,13 +365,15 @@ KINDS: tuple[Kind, ...] = (
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
          "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
-    Kind("barometer", "the barometer jumps or creeps",
-         by_length("the barometer", "m"),
-         "Shield it from wind and light.",
-         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=harm.CREEP_M,
-         rate=1.0),
+    *(Kind(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
+           "Shield it from wind and light.",
+           sensor.device, "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift(name), least_slow=harm.CREEP_M, rate=1.0)
+      for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
+
+AIDING = tuple(dict.fromkeys(kind.side for kind in KINDS if kind.side != "imu"))
+"""The sides beside the IMU."""
 
 
 def kind_of(name: str) -> Kind:

@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.constants import num
+from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.choice import Choice
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
-from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.robust_weights import outlier_weights, shocks
 from companion.estimation.setup import Setup

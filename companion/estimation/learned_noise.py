@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.constants import healthy, num
+from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.block_tridiagonal import roots
 from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import Linear
 from companion.estimation.low_pass import BoolArray
-from companion.estimation.measurements import LEAST, NOMINAL, SLOW
 from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
@@ -36,7 +36,7 @@ from companion.strapdown import MOVED, quaternion
 START = ProcessNoise(**num.FIRST_PROCESS_NOISE)
 
 
-_OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
+_ALONE = {kind.name: kind for kind in KINDS if kind.name in SENSORS}
 """Aiding sensor → what is wrong with it where it alone is off by so much."""
 
 
@@ -93,7 +93,7 @@ def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) 
     nominal = {one.name: float(np.median(one.sigma)) for one in setup.readings}
     limits = {}
     for one in linear.measurements:
-        kind = _OF_WITNESS.get(one.name)
+        kind = _ALONE.get(one.name)
         if kind is None or len(one.t) < num.NOISE_STRETCHES:
             continue
         in_order = max(kind.least, kind.least_slow) / 3.0
@@ -101,7 +101,7 @@ def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) 
         shown = 1.4826 * float(np.median(np.abs(steps)))  # σ of what is normal, whatever a few steps are
         if scale[one.name] * nominal[one.name] > max(in_order, num.AIDING_SCATTERS * shown):
             most = in_order / nominal[one.name]
-            limits[one.name] = (min(LEAST[one.name] / nominal[one.name], 1.0, most), most)
+            limits[one.name] = (min(SENSORS[one.name].least / nominal[one.name], 1.0, most), most)
     return limits
 
 
@@ -146,13 +146,13 @@ def learn(
         densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
     learned = dict(scale)
     for one in linear.measurements:
-        if one.name.startswith("rest"):
+        if SENSORS[one.name].device == "rest":
             continue
         information = one.information
         left = measurement_residual(one, solution)
         above = (left**2 * information).sum(axis=1)
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
-        least = LEAST[one.name] / percentile(one.sigma.ravel() / scale[one.name], 50.0)
+        least = SENSORS[one.name].least / percentile(one.sigma.ravel() / scale[one.name], 50.0)
         moving = _telling(still[one.keyframe])
         step = _further(0.5 * np.log(_typical(above[moving], below[moving])), before.get(one.name))
         bounds = limits.get(one.name, (min(least, 1.0), num.AIDING_MAX_SCALE))
@@ -217,7 +217,7 @@ def _at_rest(linear: Linear) -> BoolArray:
     """(K,) whether the vehicle rests at a keyframe."""
     still = np.zeros(len(linear.problem.t), np.bool_)
     for one in linear.measurements:
-        if one.name.startswith("rest"):
+        if SENSORS[one.name].device == "rest":
             still[one.keyframe] = True
     return still
 

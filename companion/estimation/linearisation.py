@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from companion.constants import healthy, num
+from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import SLOW, Kinematics, measure, three_samples
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -26,6 +26,7 @@ from companion.estimation.model import (
     ProcessNoise,
     States,
 )
+from companion.estimation.readings import Kinematics, Readings, three_samples
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
     Index,
@@ -39,6 +40,10 @@ from companion.model import Array
 from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
 
 _NOTHING = np.zeros(0)
+
+_BLOCKS: Mapping[str, slice] = {
+    "attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION, "gyro_bias": GYRO_BIAS,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +143,7 @@ def linearise(
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
-        one = _with_slow_error(measure(readings, states, at, path.path, setup.index), setup, states)
+        one = _with_slow_error(measure(readings, at), setup, states)
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(
@@ -150,6 +155,21 @@ def linearise(
         problem, prior = with_choice(problem, prior, choice)
     _predict(setup, path, states, problem.motion, shift, sizes)
     return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
+
+
+def measure(one: Readings, at: Kinematics) -> Measurement:
+    """The measurement factor of an aiding sensor about its states; weights 1."""
+    count, d = one.value.shape
+    h, h_c = np.zeros((count, d, STATES)), np.zeros((count, d, CONSTANT_STATES))
+    sensor = SENSORS[one.name]
+    predicted = sensor.predict(one, at)
+    for name, derivative in predicted.derivatives.items():
+        if name in _BLOCKS:
+            h[:, :, _BLOCKS[name]] = derivative
+        else:
+            h_c[:, :, CONSTANTS[name][0]] = derivative
+    residual = one.value - predicted.value
+    return Measurement(one.name, one.t, one.keyframe, residual, h, h_c, one.sigma, np.ones(count), sensor.unit)
 
 
 def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurement:
@@ -270,7 +290,8 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     position *= imu_known[:, None, None]
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, imu_known, setup.gravity)
+    rate = track.gyro[index] - s.gyro_bias
+    return Kinematics(s, path.path, index, setup.t, rate, when, velocity, position, imu_known, setup.gravity)
 
 
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:

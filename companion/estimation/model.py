@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num
+from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.block_tridiagonal import Factor
 from companion.model import Array, ImuTrack, Origin, interpolated, nearest
 from companion.strapdown import preintegrate, quaternion
@@ -18,18 +20,25 @@ ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in 
 
 STATES = ACCEL_BIAS.stop
 
-CONSTANTS: Mapping[str, tuple[slice, float]] = {
-    "earth_field": (slice(0, 3), 8.0),  # µT, NED; the world model's own σ is set where it is known
-    "hard_iron": (slice(3, 6), 5.0),  # µT, FRD: what calibration leaves, root mean square of an axis of 7 real vehicles
-    "gps_latency": (slice(6, 7), 0.06),  # s
-    "lever_arm": (slice(7, 10), 0.2),  # m, FRD, from the IMU to the antenna
-    "barometer_offset": (slice(10, 11), 1000.0),  # m
-    "compass_latency": (slice(11, 12), 0.05),  # s: the mean age of what ArduPilot averages over 0.1 s
-    "gyro_matrix": (slice(12, 21), 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I - E) reading
-    "accel_matrix": (slice(21, 30), 0.004),  # the same for specific force
-    "soft_iron": (slice(30, 39), 0.03),  # 3 x 3 by rows: what it adds to the field, as a part of it
+_PRIORS: Mapping[str, tuple[int, float]] = {
+    "earth_field": (3, 8.0),  # µT, NED; the world model's own σ is set where it is known
+    "hard_iron": (3, 5.0),  # µT, FRD: what calibration leaves, root mean square of an axis of 7 real vehicles
+    "gps_latency": (1, 0.06),  # s
+    "lever_arm": (3, 0.2),  # m, FRD, from the IMU to the antenna
+    **{f"{name}_offset": (1, sensor.offset) for name, sensor in SENSORS.items() if sensor.offset},
+    "compass_latency": (1, 0.05),  # s: the mean age of what ArduPilot averages over 0.1 s
+    "gyro_matrix": (9, 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I - E) reading
+    "accel_matrix": (9, 0.004),  # the same for specific force
+    "soft_iron": (9, 0.03),  # 3 x 3 by rows: what it adds to the field, as a part of it
 }
-"""Constant of the flight → its place among the constants, and the 1σ of its prior."""
+"""Constant of the flight → how many components it has, and the 1σ of its prior."""
+
+_ENDS = accumulate(width for width, _ in _PRIORS.values())
+
+CONSTANTS: Mapping[str, tuple[slice, float]] = {
+    name: (slice(end - width, end), sigma) for (name, (width, sigma)), end in zip(_PRIORS.items(), _ENDS, strict=True)
+}
+"""Constant of the flight → its place among the C constants, and the 1σ of its prior."""
 
 CONSTANT_STATES = max(place.stop for place, _ in CONSTANTS.values())
 
@@ -83,7 +92,7 @@ class States:
     position: Array  # (K, 3) NED, m
     gyro_bias: Array  # (K, 3) rad/s, FRD: truth = reading - bias
     accel_bias: Array  # (K, 3) m/s²
-    constants: Array  # (39,) in the order of CONSTANTS
+    constants: Array  # (C,) in the order of CONSTANTS
     slow: Array  # (K, S) slowly varying errors of the aiding sensors, in the units of their readings
 
     def constant(self, name: str) -> Array:
@@ -91,7 +100,7 @@ class States:
         return np.asarray(self.constants[CONSTANTS[name][0]])
 
     def moved(self, x: Array, c: Array) -> States:
-        """The states with an error x (K, 15 + S) and c (39,) taken out: truth = estimate ⊕ error.
+        """The states with an error x (K, 15 + S) and c (C,) taken out: truth = estimate ⊕ error.
 
         What follows in c are sizes of explanations, which are no states.
         """
@@ -226,7 +235,7 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BestEstimate:
-    """A third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
+    """A trajectory from one IMU, every aiding sensor and rest, without the autopilot's estimate."""
 
     imu: ImuTrack  # that it was carried by
     index: npt.NDArray[np.intp]  # (K,) samples of the IMU track at which the keyframes stand
@@ -236,7 +245,7 @@ class BestEstimate:
     correlation: Correlation  # between keyframes
     gyro_bias_sigma: Array  # (K, 3) rad/s
     accel_bias_sigma: Array  # (K, 3) m/s²
-    constants_sigma: Array  # (39,)
+    constants_sigma: Array  # (C,)
     errors: ConstantErrors  # of the IMU
     first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the aiding sensors tell until then
     noise: ProcessNoise  # learned

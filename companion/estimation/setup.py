@@ -9,22 +9,15 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
+from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
+from companion.estimation.gps_fixes import FIXED
 from companion.estimation.low_pass import BoolArray, restored, undelayed
-from companion.estimation.measurements import (
-    NOMINAL,
-    Readings,
-    averaged,
-    gps_readings,
-    slow_places,
-    three_samples,
-    vector_readings,
-)
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, Aliased, States
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, Aliased, States
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
-from companion.estimation.rest import at_rest
+from companion.estimation.readings import Intake, Readings
 from companion.estimation.system import Index
 from companion.model import (
     Array,
@@ -54,8 +47,8 @@ class Setup:
     readings: tuple[Readings, ...]
     origin: Origin | None
     gravity: float
-    constants: Array  # (39,) prior means
-    constants_sigma: Array  # (39,)
+    constants: Array  # (C,) prior means
+    constants_sigma: Array  # (C,)
     spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: priors by spectra; see `healthy.GYRO_SHARE`
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
     aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
@@ -91,22 +84,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     t = track.t[index]
     notes: list[str] = []
     origin = _origin(flight, gps)
-    readings: list[Readings] = []
-    if gps is not None and origin is not None:
-        readings += gps_readings(gps, t, (origin.latitude, origin.longitude, origin.height), 2 * spacing)
-    readings += _compass(flight, track, t, spacing if gps is not None else max(spacing, num.NO_GPS_SPACING_S), notes)
-    if flight.barometers:
-        one = max(flight.barometers, key=len)
-        good = np.isfinite(one.altitude)
-        if good.sum() > 5 and np.ptp(one.altitude[good]) > 0:
-            readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
-    readings = [one for one in readings if len(one.t) > 1]
-    if not any(one.name.startswith("gps") for one in readings):
-        why = f"none of the {len(flight.gps)} has {num.MIN_FIXES} fixes in the IMU's time: " if flight.gps else ""
-        notes.append(f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known")
-        sigma = np.full((len(t), 3), NOMINAL["calm"])
-        readings.insert(0, Readings("calm", t, np.arange(len(t)), np.zeros((len(t), 3)), sigma, index))
-    readings += _rest(flight, track, t)
+    readings = _readings(Intake(flight, track, t, spacing, gps, origin, notes))
     constants = _constants(field_at(origin, flight.epoch), readings)
     longest = longest_step(track.t)
     broken = broken_intervals(flight, track, index, longest, untrusted)
@@ -120,7 +98,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 aliased, tuple(notes), slow_places(readings), scattering, others)  # fmt: skip
+                 aliased, tuple(notes), _slow_places(readings), scattering, others)  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -165,52 +143,29 @@ def _origin(flight: Flight, gps: GpsTrack | None) -> Origin | None:
     return Origin(float(gps.latitude[i]), float(gps.longitude[i]), float(gps.height[i]), float(gps.t[i]))
 
 
-def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: list[str]) -> list[Readings]:
-    """The compass that goes with the IMU, else the first that reads something."""
-    usable = [one for one in flight.compasses if len(one) > 10 and _plausible(one.field)]
-    if not usable:
-        if flight.compasses:
-            notes.append("no compass is used: its readings are constant, or no field of the Earth")
-        return []
-    one = next((c for c in usable if c.source == track.source), usable[0])
-    when, field = one.t, one.field
-    good = np.isfinite(field).all(axis=1) & (np.linalg.norm(field, axis=1) > 5e-6)
-    if not good.all():
-        when, field = when[good], field[good]
-    readings = vector_readings("compass", when, field, t, spacing)
-    readings = averaged(readings, when, field, _hardly_turned(track, readings.t))
-    sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
-    sample = three_samples(track, sample, num.FIELD_SAMPLES_S, before=2)
-    return [replace(readings, value=readings.value * num.MICROTESLA, sample=sample)]
+def _readings(intake: Intake) -> list[Readings]:
+    """Those of every sensor that the flight has, in the order of the rows."""
+    taken = {name: row.read(row, intake) for name, row in SENSORS.items() if row.read is not None}
+    readings = [one for name, one in taken.items() if one is not None and len(one.t) > (SENSORS[name].device != "rest")]
+    if not any(SENSORS[one.name].device == "gps" for one in readings):
+        gps = intake.flight.gps
+        why = f"none of the {len(gps)} has {num.MIN_FIXES} fixes in the IMU's time: " if gps else ""
+        intake.notes.append(
+            f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known"
+        )
+        every = np.arange(len(intake.t), dtype=np.intp)
+        readings.insert(0, SENSORS["calm"].at(intake.t, every, np.zeros((len(every), 3))))
+    return readings
 
 
-def _hardly_turned(track: ImuTrack, t: Array) -> Array:
-    """(M,) s, for how long before and after times t (M,) a mean of directions is as good as one that is turned back."""
-    turned = np.cumsum(track.gyro[1:] * np.diff(track.t)[:, None], axis=0)
-    reach = healthy.FIELD_MEAN_S
-    before, after = (interpolated(t + apart, track.t[1:], turned) for apart in (-reach, reach))
-    angle = 0.5 * np.linalg.norm(after - before, axis=1)
-    return np.asarray(healthy.FIELD_MEAN_S * num.FIELD_MEAN_RAD / np.maximum(angle, num.FIELD_MEAN_RAD))
-
-
-def _plausible(field: Array) -> bool:
-    """Whether most readings have the size of a field on Earth (22 to 67 µT, with room for iron)."""
-    size = np.linalg.norm(field[np.isfinite(field).all(axis=1)], axis=1)
-    return bool(len(size) > 10 and 10e-6 < np.median(size) < 150e-6 and np.ptp(field, axis=0).max() > 0)
-
-
-def _rest(flight: Flight, track: ImuTrack, t: Array) -> list[Readings]:
-    """Zero velocity and zero rate at the keyframes at rest."""
-    means, own, still = at_rest(flight, track, t)
-    k = np.flatnonzero(still).astype(np.intp)
-    if not len(k):
-        return []
-    zero = np.zeros((len(k), 3))
-    step = np.hypot(NOMINAL["rest_rate"], 0.5 * track.gyro_step)
-    return [
-        Readings("rest_velocity", t[k], k, zero, np.full((len(k), 3), NOMINAL["rest_velocity"]), k),
-        Readings("rest_rate", t[k], k, means[k], np.hypot(step, np.repeat(own[k, None], 3, axis=1)), k),
-    ]
+def _slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
+    """Aiding sensor → place of its slow error among the states of a keyframe, behind those of the motion."""
+    places, at = dict[str, slice](), STATES
+    for one in readings:
+        if one.name in SLOW:
+            places[one.name] = slice(at, at + one.value.shape[1])
+            at = places[one.name].stop
+    return places
 
 
 def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Array, Array]:
@@ -225,9 +180,9 @@ def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Arra
         size = [float(np.median(np.linalg.norm(one.value, axis=1))) for one in readings if one.name == "compass"]
         # the dip is not known, nor on which half of the Earth it is: only that north is magnetic north
         mean[field], sigma[field] = np.array([0.5, 0.0, 0.6]) * (size[0] if size else 50.0), [20.0, 8.0, 40.0]
-    baro = next((one for one in readings if one.name == "barometer"), None)
-    if baro is not None:
-        mean[CONSTANTS["barometer_offset"][0]] = baro.value[0, 0]
+    for one in readings:
+        if SENSORS[one.name].offset:
+            mean[CONSTANTS[f"{one.name}_offset"][0]] = one.value[0, 0]
     return mean, sigma
 
 
@@ -237,11 +192,9 @@ def first_guess(setup: Setup, flight: Flight) -> States:
     q = _attitude_guess(setup, flight)
     position, velocity = np.zeros((count, 3)), np.zeros((count, 3))
     for one in setup.readings:
-        rows = {"gps_position": slice(0, 2), "gps_height": slice(2, 3), "gps_velocity": slice(0, 2),
-                "gps_climb": slice(2, 3)}.get(one.name)  # fmt: skip
-        if rows is not None:
-            target = position if one.name in ("gps_position", "gps_height") else velocity
-            target[:, rows] = interpolated(setup.t, one.t, one.value)
+        if one.name in FIXED:
+            observed, axes = FIXED[one.name]
+            (position if observed == "position" else velocity)[:, axes] = interpolated(setup.t, one.t, one.value)
     return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy(),
                   np.zeros((count, sum(p.stop - p.start for p in setup.slow.values()))))  # fmt: skip
 
@@ -284,10 +237,10 @@ def _triad(setup: Setup) -> Array:
     force_ned = np.tile([0.0, 0.0, -setup.gravity], (len(index), 1))
     field, field_ned = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     for one in setup.readings:
-        rows = {"gps_velocity": slice(0, 2), "gps_climb": slice(2, 3)}.get(one.name)
-        if rows is not None:
+        observed, axes = FIXED.get(one.name, ("", slice(0)))
+        if observed == "velocity":
             gained = interpolated(high, one.t, one.value) - interpolated(low, one.t, one.value)
-            force_ned[:, rows] += gained / (high - low)[:, None]
+            force_ned[:, axes] += gained / (high - low)[:, None]
         if one.name == "compass":
             carried = quaternion.rotate(q[nearest(track.t, one.t)], one.value)
             total = _sums_around(setup.t, one.t, carried)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.constants import num, priors
+from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.choice import Choice, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
@@ -22,7 +23,6 @@ from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, noise_limits, persistent_limits, scatter
 from companion.estimation.linearisation import Linear, linearise
-from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -329,7 +329,9 @@ def _result(
     sigma = np.sqrt(variance)
     of_constants = np.diagonal(linear.solution.constants_covariance)[:CONSTANT_STATES]
     residuals = {
-        one.name: Residuals(one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, UNITS[one.name])
+        one.name: Residuals(
+            one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, SENSORS[one.name].unit
+        )
         for one in linear.measurements
     }
     heading = "compass" if "compass" in residuals else "GPS and acceleration"

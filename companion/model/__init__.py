@@ -1,6 +1,7 @@
 """The nouns: tracks, series, flights, errors, and the Earth they are on. NumPy alone, and no autopilot's name."""
 
 from companion.model.aiding import (
+    PITCH_270,
     ActuatorTrack,
     AirspeedTrack,
     BarometerTrack,

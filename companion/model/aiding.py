@@ -99,6 +99,10 @@ class AirspeedTrack(_Readings):
         self._check("airspeed", "true_airspeed", "pressure", "temperature")
 
 
+PITCH_270 = 25
+"""MAV_SENSOR_ORIENTATION of a sensor that looks down."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RangeTrack(_Readings):
     """One range finder."""

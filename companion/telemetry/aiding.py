@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from companion.model import (
+    PITCH_270,
     AirspeedTrack,
     Array,
     BarometerTrack,
@@ -194,6 +195,8 @@ def _range_track(one: Series, notes: list[str]) -> RangeTrack | None:
     """None for one that never has a reading within its range, or where all are the same."""
     distance, least, most, variance, status, orientation, percent = _copies(one, *COLUMNS["range"])
     shortest, longest, direction = _usual(least), _usual(most), _usual(orientation)
+    if one.source == "RANGEFINDER":  # says no direction: the one that looks down (GCS_Common.cpp, send_rangefinder)
+        direction = PITCH_270
     distance[~(distance > 0.0) | (np.isfinite(status) & (status != _GOOD)) | (percent == 0.0)] = np.nan
     if shortest is not None and longest is not None and shortest < longest:
         distance[(distance < shortest - _CENTIMETRE) | (distance > longest + _CENTIMETRE)] = np.nan

@@ -92,6 +92,10 @@ def _series(series: RawSeries) -> Series:
     values[~np.isfinite(values)] = np.nan
     if series.kind == "gps":
         _without_unknown(columns)
+    if series.kind == "range" and series.source.startswith("DISTANCE_SENSOR"):
+        quality = columns["quality"]
+        quality[quality == 0.0] = np.nan  # "unknown", as of a sender without the field
+        quality[quality == 1.0] = 0.0  # "invalid signal"
     if series.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
         columns["altitude_m"][:] = pressure_altitude(columns["pressure_pa"])
     good = np.isfinite(series.t) & ~np.isnan(values).all(axis=1)

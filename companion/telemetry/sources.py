@@ -162,7 +162,7 @@ MESSAGE_SOURCES = (
            | _of("temperature_degc", "temperature_press_diff", "cdegC"), noted=False),
     Source("DISTANCE_SENSOR", "range", _of(
         "range_m least_m most_m", "current_distance min_distance max_distance", "cm")
-           | _of("orientation", "orientation"), by=("id", "orientation")),
+           | _of("orientation quality", "orientation signal_quality"), by=("id", "orientation")),
     Source("RANGEFINDER", "range", _of("range_m", "distance", "m")),
     Source("OPTICAL_FLOW", "flow", _of("x_radps y_radps", "flow_rate_x flow_rate_y", "rad/s")
            | _of("quality", "quality") | _of("range_m", "ground_distance", "m"), by=("sensor_id",)),

@@ -13,6 +13,7 @@ from companion.estimation.earth_field import field_at
 from companion.estimation.model import States
 from companion.estimation.setup import Setup, first_guess
 from companion.model import (
+    PITCH_270,
     Array,
     AttitudeTrack,
     BarometerTrack,
@@ -23,6 +24,7 @@ from companion.model import (
     GpsTrack,
     ImuTrack,
     Origin,
+    RangeTrack,
     Vehicle,
     geodetic_from_ned,
 )
@@ -117,6 +119,16 @@ def barometer_of(truth: Motion, rng: np.random.Generator) -> BarometerTrack:
     t = np.arange(truth.t[0], truth.t[-1], 0.1)
     up = -at(t, truth.t, truth.position)[:, 2] + 3.0 + 0.2 * rng.normal(size=len(t))
     return BarometerTrack(t, 101325.0 - 12.0 * up, up, np.full(len(t), 20.0), "SCALED_PRESSURE")
+
+
+def range_of(truth: Motion, rng: np.random.Generator, ground: Callable[[Array], Array] | None = None) -> RangeTrack:
+    """10 Hz, 0.05 m of white noise along the body's down axis, to ground at such heights at times (N,), or level."""
+    t = np.arange(truth.t[0], truth.t[-1], 0.1)
+    down = quaternion.to_matrix(truth.q_ned_frd[np.searchsorted(truth.t, t - 1e-9)])[:, 2, 2]
+    above = -at(t, truth.t, truth.position)[:, 2] + 2.0 - (0.0 if ground is None else ground(t))
+    distance = above / down + 0.05 * rng.normal(size=len(t))
+    unknown = np.full(len(t), np.nan)
+    return RangeTrack(t, distance, unknown, unknown, PITCH_270, 0.1, 40.0, "DISTANCE_SENSOR")
 
 
 def at(t: Array, times: Array, values: Array) -> Array:

@@ -12,11 +12,11 @@ import pytest
 from companion.constants import num
 from companion.constants.priors import ACCUSED
 from companion.estimation import KINDS, BestEstimate, Explained, kind_of, probabilities, smooth
+from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
-from companion.estimation.measurements import SLOW
 from companion.estimation.scan import scan, score
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve

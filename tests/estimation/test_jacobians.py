@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
-from companion.estimation.measurements import UNITS, Kinematics, Readings, measure
+from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise, measure
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
+from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import skew
-from tests.estimation.sensed import BIASES, sensed
+from tests.estimation.sensed import BIASES, range_of, sensed
 
 STEP = 1e-5
 
@@ -26,12 +27,13 @@ STEP = 1e-5
 @pytest.fixture(scope="module")
 def problem() -> tuple[Setup, CarriedImu, States]:
     """Nominal states that are off in everything, and constants that all count."""
-    flight, _ = sensed(12.0, "circle", rate=50.0)
+    flight, truth = sensed(12.0, "circle", rate=50.0)
+    flight = replace(flight, ranges=(range_of(truth, np.random.default_rng(1)),))
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     count, rng = len(setup.t), np.random.default_rng(0)
     every = np.arange(count, dtype=np.intp)
     for name in ("rest_velocity", "rest_rate", "calm"):
-        zero = Readings(name, setup.t, every, np.zeros((count, 3)), np.ones((count, 3)), every)
+        zero = SENSORS[name].at(setup.t, every, np.zeros((count, 3)))
         setup = replace(setup, readings=(*setup.readings, zero))
     moved = rng.normal(size=(count, STATES)) * np.repeat([0.1, 1.0, 2.0, 2e-3, 0.02], 3)
     constants = np.zeros(CONSTANT_STATES)
@@ -51,10 +53,10 @@ def derivative(function: Callable[[States], Array], states: States, x: Array, c:
 
 
 def test_every_aiding_sensor_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> None:
-    assert {one.name for one in problem[0].readings} == set(UNITS)
+    assert {one.name for one in problem[0].readings} == SENSORS.keys()
 
 
-@pytest.mark.parametrize("name", UNITS)
+@pytest.mark.parametrize("name", SENSORS)
 def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, States], name: str) -> None:
     setup, path, states = problem
     one = next(reading for reading in setup.readings if reading.name == name)
@@ -62,16 +64,18 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
     nominal = _kinematics(setup, path, states)
 
     def predicted(of: States, at: Kinematics | None = None) -> Array:
-        return one.value - measure(one, of, at or _kinematics(setup, path, of), path.path, setup.index).residual
+        return one.value - measure(one, at or _kinematics(setup, path, of)).residual
 
     def held(of: States) -> Array:
-        return predicted(of, nominal)
+        return predicted(of, replace(nominal, states=of))
 
-    exact = measure(one, states, nominal, path.path, setup.index)
+    exact = measure(one, nominal)
     none = np.zeros(CONSTANT_STATES)
     for column in range(STATES):
-        # of what the IMU felt since a late fix, the tilt is left to the motion
+        # of what the IMU felt since a late fix, the tilt is left to the motion; that of a rangefinder to all others
         function = held if name.startswith("gps") and column < 2 else predicted
+        if name == "rangefinder" and column in range(*ATTITUDE.indices(STATES)):
+            continue
         x = np.zeros((len(setup.t), STATES + states.slow.shape[1]))
         x[:, column] = STEP
         found = derivative(function, states, x, none) / STEP
@@ -99,11 +103,11 @@ def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() ->
     nominal = _kinematics(setup, path, states)
 
     def predicted(of: States) -> Array:
-        return one.value - measure(one, of, nominal, path.path, setup.index).residual
+        return one.value - measure(one, replace(nominal, states=of)).residual
 
     c[late] = STEP
     found = derivative(predicted, states, still, c) / STEP
-    exact = measure(one, states, nominal, path.path, setup.index).constants[:, :, late]
+    exact = measure(one, nominal).constants[:, :, late]
     np.testing.assert_allclose(found, exact[..., 0], atol=4e-3 * np.abs(exact).max())
 
 
@@ -193,7 +197,7 @@ def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setu
     for one in setup.readings:
         if not one.name.startswith("gps"):
             continue
-        measured = measure(one, states, _kinematics(deaf, path, states), path.path, setup.index)
+        measured = measure(one, _kinematics(deaf, path, states))
         latency = measured.constants[:, :, CONSTANTS["gps_latency"][0]]
         after = np.append(broken, True)[one.keyframe]
         assert not latency[after].any()

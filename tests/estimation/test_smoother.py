@@ -231,5 +231,6 @@ def test_a_gyro_that_reads_too_much_is_corrected_towards_the_truth() -> None:
         return float(((gyro[:, 2] - truth.gyro[:, 2]) * turns).sum() / (turns**2).sum())
 
     assert too_much(scaled.imu().gyro) == pytest.approx(0.01, abs=1e-3)
-    assert too_much(corrected(scaled.imu(), found).gyro) == pytest.approx(0.0, abs=4.0 * found.constants_sigma[20])
-    assert found.constants_sigma[20] < 0.0025
+    sigma = found.constants_sigma[CONSTANTS["gyro_matrix"][0]][-1]
+    assert too_much(corrected(scaled.imu(), found).gyro) == pytest.approx(0.0, abs=4.0 * sigma)
+    assert sigma < 0.0025

@@ -12,7 +12,7 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import kind_of, probabilities, smooth
 from companion.estimation.choice import Choice
 from companion.estimation.iteration import start_of
-from companion.estimation.measurements import Readings
+from companion.estimation.readings import Readings
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.time_shift import time_shifted
 from companion.model import STANDARD_GRAVITY, Flight
@@ -60,11 +60,12 @@ def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
 
 def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
     t = 0.2 * np.arange(20.0)
-    told = t + healthy.GPS_LATENCY_S
+    arrived = t + healthy.GPS_LATENCY_S
     one = Readings(
-        "gps_position", told, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp)
-    )
-    late = one.later(np.where(told >= 2.0, 0.6, 0.0), t)
+        "gps_position", arrived, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp),
+        latency_s=healthy.GPS_LATENCY_S,
+    )  # fmt: skip
+    late = one.later(np.where(arrived >= 2.0, 0.6, 0.0), t)
     assert (np.diff(late.keyframe) > 0).all()  # each once
     np.testing.assert_allclose(late.t - late.late - healthy.GPS_LATENCY_S, t[late.keyframe])
     np.testing.assert_allclose(late.value[:, 0], late.t - healthy.GPS_LATENCY_S)  # what was read goes with it

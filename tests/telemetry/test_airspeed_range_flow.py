@@ -42,6 +42,7 @@ def tlog(folder: Path, values: Values) -> Flight:
             log.send(
                 at, "distance_sensor", time_boot_ms=ms, min_distance=20, max_distance=700, type=0, id=number,
                 current_distance=round((distance + number) * 100), orientation=orientation, covariance=255,
+                signal_quality=int(values.get("quality", np.zeros(N))[i]),
             )  # fmt: skip
         log.send(
             at, "optical_flow_rad", time_usec=ms * 1000, sensor_id=0, integration_time_us=round(DT * 1e6),
@@ -161,6 +162,14 @@ def test_readings_out_of_range_are_none(tmp_path: Path, made: Make) -> None:
     assert np.isnan(down.distance[10:20]).all()
     assert np.isfinite(down.distance).sum() == N - 10
     assert len(down) == N
+
+
+def test_a_distance_that_its_sensor_calls_invalid_is_none(tmp_path: Path) -> None:
+    """MAVLink: 1 is an invalid signal, 0 is unknown."""
+    quality = np.where(np.arange(N) < 20, 1.0, np.where(np.arange(N) < 40, 0.0, 80.0))
+    down = tlog(tmp_path, TRUE | {"quality": quality}).ranges[0]
+    assert (np.isnan(down.distance) == (quality == 1.0)).all()
+    np.testing.assert_allclose(down.quality, np.repeat([0.0, np.nan, 0.8], 20))
 
 
 @FORMATS

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from companion.constants import healthy
+from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import carry_imu, linearise
-from companion.estimation.measurements import gps_readings, vector_readings
+from companion.estimation.readings import Intake, Readings
 from companion.estimation.setup import set_up
-from companion.model import STANDARD_GRAVITY, Array, GpsTrack, geodetic_from_ned
+from companion.model import STANDARD_GRAVITY, Array, GpsTrack, Origin, geodetic_from_ned
 from companion.strapdown import motions
 from tests.estimation.sensed import LATENCY, PLACE, at, gps_of, sensed, true_states, with_imu
 
@@ -29,7 +30,7 @@ def test_each_keyframe_has_the_nearest_reading_within_half_a_spacing_and_each_re
 ) -> None:
     rng = np.random.default_rng(seed)
     when = np.sort(rng.uniform(-1.0, 31.0, round(32 * rate)))
-    found = vector_readings("barometer", when, when[:, None], T, SPACING)
+    found = SENSORS["barometer"].at_keyframes(when, when[:, None], T, SPACING)
     apart = np.abs(when[:, None] - T[found.keyframe])
     assert (found.t == when[apart.argmin(axis=0)]).all(), "the nearest of all"
     assert (np.abs(found.t - T[found.keyframe]) <= 0.5 * SPACING + 1e-3).all()
@@ -47,9 +48,16 @@ def fixes(t: Array) -> GpsTrack:
     return gps_of(motions.rest(t), np.random.default_rng(0), rate=1.0)
 
 
+def fixed(track: GpsTrack) -> list[Readings]:
+    flight, _ = sensed(30.0)
+    intake = Intake(flight, flight.imu(), T, SPACING / 2, track, Origin(*PLACE), [])
+    taken = [row.read(row, intake) for row in SENSORS.values() if row.device == "gps" and row.read is not None]
+    return [one for one in taken if one is not None]
+
+
 def test_a_fix_stands_where_the_vehicle_was_when_it_was_made() -> None:
     track = fixes(np.arange(0.0, 30.0, 0.01))
-    for one in gps_readings(track, T, PLACE, SPACING):
+    for one in fixed(track):
         assert (np.abs(one.t - healthy.GPS_LATENCY_S - T[one.keyframe]) <= 0.5 * SPACING + 1e-3).all()
         assert not ((one.t > 10.3) & (one.t < 19.7)).any(), "no keyframe is near"
 
@@ -78,6 +86,6 @@ def test_a_fix_beside_a_gap_of_the_imu_is_where_the_velocity_leads() -> None:
 def test_what_a_receiver_says_of_itself_is_believed_down_to_centimetres() -> None:
     track = fixes(np.arange(0.0, 30.0, 0.01))
     vain = replace(track, horizontal_sigma=np.full(len(track), 1e-6), speed_sigma=np.full(len(track), 0.3))
-    stated = {one.name: one.sigma for one in gps_readings(vain, T, PLACE, SPACING)}
+    stated = {one.name: one.sigma for one in fixed(vain)}
     assert (stated["gps_position"] > 0.01).all()
     assert (stated["gps_velocity"] == 0.3).all()
