@@ -31,6 +31,16 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     return judge_lanes(flight, by.best, first.verdict.findings), by.best
 
 
+def redundant_lanes(flight: Flight, settings: Settings, own: Assessment) -> tuple[Lanes, BestEstimate] | None:
+    """The same of a flight that has two numbered lanes or more, and a best estimate of its own; None of any other."""
+    if sum(lane.core is not None for lane in flight.lanes) < 2 or own.best is None:
+        return None
+    try:
+        return lanes_of(flight, settings, own)
+    except DataError:
+        return None
+
+
 def _is_wrong(one: Assessment) -> bool:
     """Whether the IMU that was assessed is at fault itself."""
     own = one.comparison.track.instance

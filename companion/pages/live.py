@@ -5,18 +5,23 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 
 import msgspec
+import numpy as np
 
-from companion.analysis import DriftRow, LiveVerdict
+from companion.analysis import DriftRow, LiveVerdict, Preflight, preflight
 from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
+from companion.app.sensors import imu_spec_of
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
+from companion.model import DataError, Flight
 from companion.view import LONGEST_REANCHOR_S, LinkState, ReplayChoice, Seen, StreamState
 
 _MOST_MESSAGES = 100  # that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
+_CHECKED_S = 4.0  # between two runs of the checks before take-off: nothing moves in the picture meanwhile
 _NOTES = {RequestState.FINDING: "asking", RequestState.ASKING: "asking", RequestState.GIVEN_UP: "given up"}
 
 
@@ -40,6 +45,9 @@ class LiveFeed:
         )
         self._settings = settings
         self._shown = ""  # the vehicle that is looked at
+        self._flight: Flight | None = None  # its last seconds
+        self._preflight: Preflight | None = None
+        self._check_due = 0.0  # s of the steady clock
         self._verdict = RunningVerdict(self._assignment())
 
     @property
@@ -118,6 +126,13 @@ class LiveFeed:
         return [self._verdict.read(name, silent=self._is_silent) for name in names] if self._shown else []
 
     @property
+    def preflight(self) -> Preflight | None:
+        if (now := time.monotonic()) >= self._check_due:
+            self._check_due = now + _CHECKED_S
+            self._preflight = None if self._flight is None else checks_on_the_ground(self._flight)
+        return self._preflight
+
+    @property
     def _is_silent(self) -> bool:
         return bool(self._attachment.report.problem)
 
@@ -135,7 +150,7 @@ class LiveFeed:
         if sighting is None:
             return None
         present = sighting.present
-        self._shown = str(present.flight.vehicle)
+        self._shown, self._flight = str(present.flight.vehicle), present.flight
         return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:
@@ -151,6 +166,18 @@ class LiveFeed:
     def close(self) -> None:
         """End the verdict's process."""
         self._verdict.close()
+
+
+def checks_on_the_ground(flight: Flight) -> Preflight | None:
+    """The checks while the vehicle says that it is disarmed, and stands; else None."""
+    end = np.array([flight.start + flight.duration])
+    armed = flight.armed(end, end)
+    if "HEARTBEAT" not in flight.messages or (armed is not None and armed[0]):
+        return None
+    try:
+        return preflight(flight, partial(imu_spec_of, flight))
+    except DataError:
+        return None
 
 
 def _in_words(clock: Clock) -> str:

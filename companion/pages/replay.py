@@ -5,10 +5,10 @@ The one way to that page, for the command line and for a notebook. It loads vise
 
 from __future__ import annotations
 
-import functools
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from companion.analysis import (
@@ -22,18 +22,22 @@ from companion.analysis import (
     errors,
     expected_since_anchor,
     imu_noise,
+    preflight,
     replay,
     replay_from_rest,
     trailing,
 )
 from companion.app.correction import load_correction
 from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of
+from companion.app.lanes import redundant_lanes
 from companion.app.recording import Source
+from companion.app.sensors import imu_spec_of
 from companion.app.settings import Settings
 from companion.model import DataError, Flight
 from companion.view import (
     AnalysisResult,
     DisplayTrajectory,
+    FlightChecks,
     Offer,
     ReplayChoice,
     Viewer,
@@ -97,6 +101,16 @@ class Answers:
         shown = display.replay if anchored is None else anchored
         expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
         return replace(result, expected=expected, replay=anchored)
+
+    def check(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> FlightChecks:
+        """What `companion lanes` and `companion preflight` print, where the log has it."""
+        own = self._examination(flight, choice, display).assessment
+        judged = redundant_lanes(flight, self.settings, own)
+        try:
+            before = preflight(flight, partial(imu_spec_of, flight))
+        except DataError:  # it never stands
+            before = None
+        return FlightChecks(None if judged is None else judged[0], before)
 
     def _anchored(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Replay | None:
         """The same replay, anchored where the page opens as well; None where it is, or runs free."""
@@ -207,7 +221,8 @@ def open_replay(
         offer=Offer(
             horizons,
             answers.correction_file,
-            functools.partial(answers.report, source) if source is not None else None,
+            answers.check,
+            partial(answers.report, source) if source is not None else None,
             settings.view.map_url,
             map_shown,
         ),

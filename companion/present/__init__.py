@@ -28,11 +28,11 @@ from companion.present.formats import (
     with_unit,
 )
 from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
-from companion.present.lanes import lane_lines, lane_table, switch_words
+from companion.present.lanes import judgement_lines, lane_lines, lane_table, switch_words
 from companion.present.markup import Link, details, html_table, paragraph, table, text
 from companion.present.noise import SENSORS, density, interval
 from companion.present.palette import Rgb, of_imus
-from companion.present.preflight import preflight_headline, preflight_table
+from companion.present.preflight import OUTCOMES, preflight_headline, preflight_table
 from companion.present.tables import (
     AXES,
     QUANTITIES,

@@ -23,6 +23,14 @@ def lane_lines(lanes: Lanes) -> Iterator[str]:
     """What is to be said of them, a sentence each: untrusted nowhere, as all names are ours."""
     named = (one.name + ("" if one.imu is None else f" (IMU {one.imu})") for one in lanes.lanes)
     yield f"Lanes: {', '.join(named)}"
+    yield from judgement_lines(lanes)
+    if lanes.spans:
+        yield from counterfactual_words(lanes.spans[0])
+    yield from (f"Note: {note}" for note in lanes.notes)
+
+
+def judgement_lines(lanes: Lanes) -> Iterator[str]:
+    """Which lane flew, each switch, and which lane should have flown: without the numbers of the tables."""
     if (flown := flown_words(lanes)) != "":
         yield f"Flown: {flown}"
     yield from map(switch_words, lanes.switches)
@@ -30,8 +38,6 @@ def lane_lines(lanes: Lanes) -> Iterator[str]:
         yield f"{capitalised(words(span.what))}, {span.start_s:.1f}-{span.end_s:.1f} s: {span_words(span)}"
     if lanes.spans:
         yield f"Whole flight: {span_words(lanes.spans[0])}"
-        yield from counterfactual_words(lanes.spans[0])
-    yield from (f"Note: {note}" for note in lanes.notes)
 
 
 def flown_words(lanes: Lanes) -> str:

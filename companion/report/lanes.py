@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis import Lanes
-from companion.app.lanes import lanes_of
-from companion.model import DataError, words
+from companion.app.lanes import redundant_lanes
+from companion.model import words
 from companion.present import capitalised, html_table, lane_lines, lane_table, palette, paragraph, text
 from companion.report import traces
 from companion.report.html_page import Section
@@ -21,13 +21,10 @@ _DRAWN = (
 
 def sections(subject: Subject) -> list[Section]:
     """One, where the flight has two lanes or more and a best estimate; else none."""
-    flight, assessment = subject.flight, subject.assessment
-    if sum(lane.core is not None for lane in flight.lanes) < 2 or assessment.best is None:
+    judged = redundant_lanes(subject.flight, subject.settings, subject.assessment)
+    if judged is None:
         return []
-    try:
-        lanes, best = lanes_of(flight, subject.settings, assessment)
-    except DataError:
-        return []
+    lanes, best = judged
     body = paragraph(f"By the best estimate of {best.imu.source}, which none of the lanes is part of.")
     body += "".join(map(paragraph, lane_lines(lanes)))
     for i, span in enumerate(lanes.spans):

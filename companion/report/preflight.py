@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from companion.analysis import phases, preflight
+from companion.app.sensors import imu_spec_of
 from companion.model import DataError
 from companion.present import html_table, paragraph, preflight_headline, preflight_table
 from companion.report.html_page import Section
@@ -15,7 +18,7 @@ def sections(subject: Subject) -> list[Section]:
     if any(part.kind in ("flight", "impact") for part in phases(flight)):
         return []
     try:
-        result = preflight(flight, lambda _: subject.assessment.imu_spec)
+        result = preflight(flight, partial(imu_spec_of, flight))
     except DataError:
         return []
     body = paragraph(preflight_headline(result))

@@ -12,6 +12,7 @@ from companion.view.state.places import best_path
 from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,
+    FlightChecks,
     Worst,
     display_trajectory,
     joined,
@@ -48,6 +49,7 @@ __all__ = [
     "DisplayTrajectory",
     "Examine",
     "Feed",
+    "FlightChecks",
     "LinkState",
     "LiveViewer",
     "Mark",

@@ -37,7 +37,7 @@ from companion.view.state.moments import AFTER_S, PLAYED_S, Moment, decisive, er
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
 from companion.view.state.sending import update
-from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, with_result
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, FlightChecks, with_result
 from companion.view.state.work import Worker
 
 PATIENCE_S = 1.0  # of work before it is spoken of
@@ -71,7 +71,7 @@ class ReplayController(Controller):
     ) -> None:
         self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
         self._requested = choice  # last: what is shown may still be the one before
-        self._recompute, self._analyse, self._report = recompute, examine, offer.report
+        self._recompute, self._analyse, self._check, self._report = recompute, examine, offer.check, offer.report
         # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
@@ -255,6 +255,12 @@ class ReplayController(Controller):
         self._say()
         if untouched:
             self._open()
+        if (check := self._check) is not None:
+            self._examiner.request(partial(check, self._flight, self._choice, self._display), self._take_checks)
+
+    def _take_checks(self, checks: FlightChecks | CompanionError) -> None:
+        if not isinstance(checks, CompanionError):
+            self._findings.checks.load(checks)
 
     @property
     def _untouched(self) -> bool:
@@ -303,6 +309,7 @@ class ReplayController(Controller):
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
         self._place()
         self._wait("Analysis in progress.")
+        self._findings.checks.load(FlightChecks())
         self._say()
 
     def _place(self) -> None:

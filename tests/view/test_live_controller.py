@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import viser
 
-from companion.analysis import DriftRow, LiveVerdict
+from companion.analysis import DriftRow, LiveVerdict, Preflight
 from companion.analysis.replay import FreeState
 from companion.model import Flight
 from companion.model.tracks import NavState
@@ -35,6 +35,7 @@ class Script:
     drift: tuple[DriftRow, ...] = ()
     verdict: LiveVerdict = field(default_factory=lambda: LiveVerdict("", ""))
     other_verdicts: tuple[LiveVerdict, ...] = ()
+    preflight: Preflight | None = None
 
     def wait(self, timeout_s: float) -> None:
         """It is all there."""

@@ -8,11 +8,13 @@ from dataclasses import replace
 import viser
 
 from companion.view.panels import live_text
+from companion.view.panels.checks import ChecksFolders
 from companion.view.panels.controls import Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
 from companion.view.state.sending import update
+from companion.view.state.trajectory import FlightChecks
 
 BEST = "Automatic"
 LONGEST_REANCHOR_S = 20.0
@@ -44,6 +46,7 @@ class LivePanel:
         controls.cameras(choose_camera)
         self._legend = gui.add_html("")
         self.numbers = gui.add_html("")
+        self._checks = ChecksFolders(gui)
         with gui.add_folder("Dead reckoning"):
             self.vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))
@@ -83,6 +86,7 @@ class LivePanel:
         update(self._link, content=live_text.link(state, feed.why_not, held_s))
         update(self._health, content=live_text.health(state))
         update(self._drift, content=live_text.drift(feed.drift, feed.verdict, feed.other_verdicts))
+        self._checks.load(FlightChecks(preflight=feed.preflight))
         update(self._messages, content=live_text.messages(feed.messages))
         vehicles = tuple(feed.vehicles)
         if vehicles and vehicles != self._vehicles:

@@ -25,6 +25,7 @@ from companion.present import (
     severity_of,
     significant,
 )  # fmt: skip
+from companion.view.panels.checks import ChecksFolders
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block, lines, row, swatch, table, title, wrapped
 from companion.view.state.marks import short
@@ -44,6 +45,7 @@ class FindingsTab:
         self._findings = [_FindingCard(controls, show) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
         self._could = gui.add_html("", visible=False)
+        self.checks = ChecksFolders(gui)
 
     def wait(self, text: str) -> None:
         """Report that the analysis is in progress, or why there is none. `text` may hold anything."""

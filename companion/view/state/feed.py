@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from companion.analysis import DriftRow, FreeState, LiveVerdict, Replay
+from companion.analysis import DriftRow, FreeState, LiveVerdict, Preflight, Replay
 from companion.model import Flight
 from companion.view.state.choice import ReplayChoice
 
@@ -87,6 +87,10 @@ class Feed(Protocol):
     @property
     def other_verdicts(self) -> Sequence[LiveVerdict]:
         """Those on the other vehicles of the link."""
+
+    @property
+    def preflight(self) -> Preflight | None:
+        """The checks before take-off, while the vehicle that is looked at stands disarmed."""
 
     def wait(self, timeout_s: float) -> None:
         """Wait until there is something that `look` has not seen, no longer than so many s."""

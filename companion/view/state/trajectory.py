@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Assessment, Expectation, Expected, ImuNoise, RedundantImu, Replay, WindowErrors
+from companion.analysis import (
+    Assessment,
+    Expectation,
+    Expected,
+    ImuNoise,
+    Lanes,
+    Preflight,
+    RedundantImu,
+    Replay,
+    WindowErrors,
+)
 from companion.model import Array, DataError, ImuTrack, words
 from companion.strapdown import SAME_TIME, quaternion
 from companion.view.state.decimation import Indices
@@ -43,6 +53,14 @@ class AnalysisResult:
         return tuple(
             Mark(f.start_s, f"{words(f.kind)}: {f.evidence}", "finding") for f in self.assessment.verdict.findings
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightChecks:
+    """What is said of a flight beside the verdict on its IMU. It comes after that."""
+
+    lanes: Lanes | None = None  # None: the log has no two of them, or nothing to compare them with
+    preflight: Preflight | None = None  # None: it never stands
 
 
 @dataclass(frozen=True, slots=True, eq=False)
