@@ -177,9 +177,10 @@ def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iter
         "gyro_bias", track.source, float(np.abs(bias).max()), float(own.gyro_sigma.max()), healthy.USUAL_BIAS["gyro"],
         "rad/s",
     )  # fmt: skip
-    learned = f"the estimator takes {length(believed) * 1e3:.1f} mrad/s off already" if believed.any() else ""
-    yield replace(made, autopilot="Gyros not calibrated" if _ardupilot(flight) else "High Gyro Bias",
-                  note=learned)  # fmt: skip
+    if believed.any():
+        learned = f"the estimator takes {length(believed) * 1e3:.1f} mrad/s off already"
+        made = replace(made, note=learned, uncorrected=float(np.abs(own.gyro_mean).max()))
+    yield replace(made, autopilot="Gyros not calibrated" if _ardupilot(flight) else "High Gyro Bias")
     if own.t[-1] - own.t[0] >= check.WARMING_TOLD_S:
         slope, sigma = _slope(own.t, own.gyro)
         within = harm.WARMING_S * np.array([slope, sigma])
@@ -277,22 +278,24 @@ class Ageing:
     """A check against the same vehicle's own earlier ones."""
 
     check: Check
-    before: float  # median of the earlier ones
+    before: float  # median of the earlier ones: of the sensor's own, not less what an estimator takes off
     spread: float  # 1σ of those about it, of one
     times: int
     changed: bool  # whether it differs by more than 3 σ of both
 
 
-def ageing(now: Preflight, before: Sequence[Preflight]) -> tuple[Ageing, ...]:
-    """Each check that was made three times or more before, beside what it was then."""
+def ageing(now: Preflight, before: Sequence[Sequence[Check]]) -> tuple[Ageing, ...]:
+    """Each check that was made before three flights or more, beside what it was then."""
     made = []
     for one in now.checks:
-        earlier = np.array([c.size for p in before for c in p.checks if (c.name, c.sensor) == (one.name, one.sensor)])
+        earlier = np.array(
+            [c.own for checks in before for c in checks if (c.name, c.sensor) == (one.name, one.sensor)]
+        )
         if len(earlier) < num.MIN_WINDOWS:
             continue
         middle = median(earlier)
         low, high = (percentile(earlier, share) for share in (25.0, 75.0))
         spread = max((high - low) / num.QUARTILES_SIGMA, one.sigma)
-        changed = abs(one.size - middle) > num.SIGMAS * float(np.hypot(spread, one.sigma))
+        changed = abs(one.own - middle) > num.SIGMAS * float(np.hypot(spread, one.sigma))
         made.append(Ageing(one, middle, spread, len(earlier), changed))
     return tuple(made)

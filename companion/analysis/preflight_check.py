@@ -30,6 +30,12 @@ class Check:
     autopilot: str = ""  # the autopilot's own pre-arm check that it anticipates
     autopilot_limit: float | None = None
     note: str = ""
+    uncorrected: float | None = None  # the size before what the estimator takes off; None: it takes nothing off
+
+    @property
+    def own(self) -> float:
+        """The size that is the sensor's own, whatever is known of it: what ages."""
+        return self.size if self.uncorrected is None else self.uncorrected
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,16 +14,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Ageing, Preflight, ageing, preflight
-from companion.app.recording import Recording, read_recording
+from companion.app.recording import Recording
 from companion.app.sensors import imu_spec_of
 from companion.app.settings import Settings
 from companion.cli import live, options, parsers, record, tables
 from companion.documents import encode, preflight_document
-from companion.fleet import find_logs
+from companion.fleet import earlier_checks
 from companion.links import is_link
-from companion.model import CompanionError, DataError, Flight, SettingsError, counted
+from companion.model import DataError, Flight, SettingsError, counted
 from companion.present import preflight_headline, preflight_table
-from companion.telemetry import id_parameters
 
 _OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output")
 _LINK_S = 30.0
@@ -35,7 +34,9 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_log(parser, takes_link=True)
     parsers.add_flight_choice(parser)
     parser.add_argument(
-        "--history", metavar="FOLDER", help="earlier logs of this vehicle: says what has changed since them"
+        "--history",
+        metavar="FOLDER|PARQUET",
+        help="earlier logs of this vehicle, or preflight.parquet of `companion fleet`: says what has changed since",
     )
     parsers.add_json(parser)
     on_link = parser.add_argument_group("on a link")
@@ -84,36 +85,16 @@ def _of_log(arguments: argparse.Namespace) -> int:
 
 
 def _aged(
-    folder: str, settings: Settings, recording: Recording, flight: Flight, result: Preflight
+    history: str, settings: Settings, recording: Recording, flight: Flight, result: Preflight
 ) -> tuple[Ageing, ...]:
-    """Against the earlier logs of the same vehicle in a folder: the same gyros, where both logs name them."""
-    earlier = []
-    for one in find_logs([folder]).logs:
-        if Path(one.path).resolve() == recording.source.path.resolve():
-            continue
-        try:
-            same = [f for f in read_recording(Path(one.path), **settings.log.options).flights if _is_same(f, flight)]
-            earlier += [preflight(other, partial(imu_spec_of, other)) for other in same]
-        except CompanionError:  # a log that never stood, or cannot be read, tells of no rest
-            continue
+    """Against the earlier flights of the same vehicle."""
+    earlier = earlier_checks(Path(history), settings, recording, flight)
     if not (aged := ageing(result, earlier)):
         raise DataError(
-            f"{folder} has {counted(len(earlier), 'flight')} of this vehicle that stood before taking off: three are "
+            f"{history} has {counted(len(earlier), 'flight')} of this vehicle that stood before taking off: three are "
             "needed to say what has changed."
         )
     return aged
-
-
-def _is_same(one: Flight, other: Flight) -> bool:
-    def gyros(flight: Flight) -> set[float]:
-        ids = (flight.parameters.get(name, 0.0) for i in range(3) for name in id_parameters("gyro", i))
-        return {number for number in ids if number}
-
-    if gyros(one) and gyros(other):
-        return gyros(one) == gyros(other)
-    return (one.vehicle.autopilot, one.vehicle.type, one.vehicle.sysid) == (
-        other.vehicle.autopilot, other.vehicle.type, other.vehicle.sysid,
-    )  # fmt: skip
 
 
 def _lines(result: Preflight, aged: tuple[Ageing, ...]) -> Iterator[str | Table]:

@@ -19,7 +19,7 @@ def preflight_document(source: Source, flight: Flight, result: Preflight, aged: 
         "checks": [
             {
                 **of(one, "name", "sensor", "outcome", "size", "sigma", "limit", "unit", "probability"),
-                **of(one, "autopilot", "autopilot_limit", "note"),
+                **of(one, "autopilot", "autopilot_limit", "note", "uncorrected"),
                 "history": before.get((one.name, one.sensor)),
             }
             for one in result.checks

@@ -10,6 +10,7 @@ from companion.fleet.digest import (
     short_names,
     worst_ratios,
 )
+from companion.fleet.history import earlier_checks
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.rows import COLUMNS, Row, Rows, arrow_table
 from companion.fleet.run import Fleet, FleetRun, run_fleet

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 
+from companion.analysis import Check
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
@@ -32,6 +33,8 @@ class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     gyro_ids: Mapping[str, int] = {}  # IMU message → the autopilot's id of the sensor behind it
     accel_ids: Mapping[str, int] = {}
     temperatures_degc: Mapping[str, float] = {}  # IMU message → median over the flight
+    gyros: str = ""  # the ids of all gyros that the parameters name
+    checks: tuple[Check, ...] = ()  # those before take-off, where it stands
     analysis: Document | None = None
     error: str | None = None  # why there is no analysis
     report: str | None = None  # its page, relative to the folder of the results

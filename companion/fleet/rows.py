@@ -1,4 +1,4 @@
-"""Records → the rows of the four tables, dictionaries whose keys are the columns → Arrow tables.
+"""Records → the rows of the five tables, dictionaries whose keys are the columns → Arrow tables.
 
 The unit of a column is at the end of its name and in its metadata.
 """
@@ -37,11 +37,12 @@ class Rows:
     drift: tuple[Row, ...]  # one per flight and horizon
     findings: tuple[Row, ...]  # one per finding
     calibration: tuple[Row, ...]  # one per flight whose IMU could be calibrated
+    preflight: tuple[Row, ...] = ()  # one per check before a flight of a vehicle that stands first
 
 
 def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
-    """The rows of all four tables."""
-    flights, drift, findings, calibration = [], [], [], []
+    """The rows of all five tables."""
+    flights, drift, findings, calibration, preflight = [], [], [], [], []
     for log, record in sorted(logs, key=lambda pair: pair[0].path):
         name = {"log": printable(log.path)}
         of_log: Row = name | {"sha256": record.sha256, "size_bytes": log.size_bytes, "format": record.format}
@@ -50,11 +51,12 @@ def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
         for flight in record.flights:
             key = name | {"vehicle": str(flight.vehicle), "boot": flight.boot}
             flights.append(of_log | key | _flight(flight))
+            preflight += [of_log | key | row for row in _preflight(flight)]
             if flight.analysis is not None:
                 drift += [key | row for row in _drift(flight.analysis)]
                 findings += [key | finding for finding in flight.analysis["verdict"]["findings"]]
                 calibration += [key | row for row in _calibration(flight, flight.analysis)]
-    return Rows(tuple(flights), tuple(drift), tuple(findings), tuple(calibration))
+    return Rows(tuple(flights), tuple(drift), tuple(findings), tuple(calibration), tuple(preflight))
 
 
 def _flight(flight: FlightRecord) -> Row:
@@ -112,6 +114,14 @@ def _calibration(flight: FlightRecord, analysis: Document) -> Iterator[Row]:
     yield row
 
 
+def _preflight(flight: FlightRecord) -> Iterator[Row]:
+    whose = {name: getattr(flight.vehicle, name) for name in ("autopilot", "type")}
+    whose |= {name: getattr(flight, name) for name in ("board", "date_s", "gyros")}
+    for one in flight.checks:
+        own = ("sensor", "outcome", "size", "sigma", "limit", "unit", "probability", "uncorrected")
+        yield whose | {"check": one.name} | {name: getattr(one, name) for name in own}
+
+
 def _drift_ratio(analysis: Document) -> float | None:
     """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
     usable = [row for row in analysis["drift"] if row["expected"] is not None]
@@ -153,6 +163,12 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
         **_KEY,
         "date_s": "date", "board": "string", "imu": "string", "gyro_id": "int", "accel_id": "int",
         "temperature_degc": "float", "windows": "int", **_OBSERVED,
+    },
+    "preflight": {
+        **_KEY,
+        "date_s": "date", "autopilot": "string", "type": "string", "board": "string", "gyros": "string",
+        "check": "string", "sensor": "string", "outcome": "string", "size": "float", "sigma": "float",
+        "limit": "float", "unit": "string", "probability": "float", "uncorrected": "float", "sha256": "string",
     },
 }  # fmt: skip
 """Table → column → kind. docs/fleet.md describes them."""

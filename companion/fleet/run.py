@@ -1,6 +1,6 @@
 """A run over a fleet's logs: new and changed ones are examined, and all that is known is written.
 
-A run leaves four Parquet tables and the page in its folder. Nothing is written where nothing has changed.
+A run leaves five Parquet tables and the page in its folder. Nothing is written where nothing has changed.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from companion.app.examination import Examination, examine, unexaminable
 from companion.app.recording import Recording, read_recording
 from companion.app.settings import Settings
 from companion.documents import analysis_document, unexamined_document
+from companion.fleet.history import checks_of, gyros_of
 from companion.fleet.journal import printable
 from companion.fleet.limits import TimeUpError, limited
 from companion.fleet.records import FlightRecord, LogRecord, Plan, version_of
@@ -94,6 +95,8 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         gyro_ids=sensor_ids(flight, "gyro"),
         accel_ids=sensor_ids(flight, "accel"),
         temperatures_degc=temperatures(flight),
+        gyros=gyros_of(flight),
+        checks=checks_of(flight),
     )
     if (lacking := unexaminable(flight, settings)) is not None:
         (analysis,) = unexamined_document(recording.source, lacking)["flights"]

@@ -69,6 +69,8 @@ def _before(one: Check, aged: Ageing | None) -> str:
         return ""
     _, factor = _unit(one.unit)
     said = f"{fixed(aged.before * factor)} ± {fixed(aged.spread * factor)} ({aged.times})"
+    if one.uncorrected is not None:
+        said = f"{said}, now {fixed(one.uncorrected * factor)} uncorrected"
     return f"{said}: changed" if aged.changed else said
 
 

@@ -162,7 +162,7 @@ def test_a_vehicle_that_never_stands_cannot_be_checked() -> None:
 
 
 def test_ageing_is_a_change_against_the_vehicles_own_flights() -> None:
-    before = [checked(standing(seed)) for seed in range(10, 14)]
+    before = [checked(standing(seed)).checks for seed in range(10, 14)]
     same = {one.check.name: one for one in ageing(checked(standing(20)), before) if one.check.sensor == "IMU[0]"}
     assert not [name for name, one in same.items() if one.changed and name != "accel_direction"]
     aged = {one.check.name: one for one in ageing(checked(standing(20, off=8e-3 * X)), before)}
