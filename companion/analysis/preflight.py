@@ -288,9 +288,7 @@ def ageing(now: Preflight, before: Sequence[Sequence[Check]]) -> tuple[Ageing, .
     """Each check that was made before three flights or more, beside what it was then."""
     made = []
     for one in now.checks:
-        earlier = np.array(
-            [c.own for checks in before for c in checks if (c.name, c.sensor) == (one.name, one.sensor)]
-        )
+        earlier = np.array([c.own for checks in before for c in checks if (c.name, c.sensor) == (one.name, one.sensor)])
         if len(earlier) < num.MIN_WINDOWS:
             continue
         middle = median(earlier)

@@ -42,6 +42,7 @@ _ROWS = (
     Row("ESTIMATOR_STATUS", 2.0, 1.0, (_PX4,), optional=True),
     Row("SCALED_PRESSURE", 10.0, 2.0, optional=True, stream=1),
     Row("EXTENDED_SYS_STATE", 1.0, 1.0, optional=True),
+    Row("SYS_STATUS", 1.0, 0.0, optional=True, stream=2),  # the battery
     Row("SCALED_IMU2", "half the imu", 5.0, optional=True, stream=1),
     Row("VIBRATION", 2.0, 1.0, optional=True, stream=12),
     Row("GLOBAL_POSITION_INT", 5.0, 1.0, stream=6),

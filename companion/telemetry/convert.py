@@ -50,6 +50,9 @@ SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
 """Messages that become series."""
 
 
+_NO_CELL = 65535  # BATTERY_STATUS.voltages
+
+
 def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: bool) -> Mapping[str, Series]:
     """The series in a boot's messages, at their boot times. px4: the autopilot is one.
 
@@ -84,6 +87,8 @@ def _raw_series(row: Source, messages: Messages, number: int | None, notes: list
         name, _, place = field.partition("[")
         if name not in messages.layout.fields:
             return None
+        if place == "]":  # of cells in series, those that are there: all together
+            return np.where(messages[name] == _NO_CELL, 0.0, messages[name]).sum(axis=1)
         return messages[name][:, int(place[:-1])] if place else messages[name]
 
     name = messages.name if number is None else f"{messages.name}[{number}]"

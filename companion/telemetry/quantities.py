@@ -25,6 +25,9 @@ Raw = npt.NDArray[Any]
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 
+_NO_BATTERY = {"voltage_v": (0.0, 65.535), "current_a": (-0.01, -1.0)}
+"""What SYS_STATUS, BATTERY_STATUS and PX4's battery_status say where they do not know."""
+
 SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
@@ -96,6 +99,10 @@ def _series(series: RawSeries) -> Series:
         quality = columns["quality"]
         quality[quality == 0.0] = np.nan  # "unknown", as of a sender without the field
         quality[quality == 1.0] = 0.0  # "invalid signal"
+    if series.kind == "battery":
+        for name, absent in _NO_BATTERY.items():
+            columns[name][np.isclose(columns[name][:, None], absent, atol=1e-6).any(axis=1)] = np.nan
+        columns["remaining"][~((columns["remaining"] >= 0.0) & (columns["remaining"] <= 1.0))] = np.nan
     if series.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
         columns["altitude_m"][:] = pressure_altitude(columns["pressure_pa"])
     good = np.isfinite(series.t) & ~np.isnan(values).all(axis=1)

@@ -40,6 +40,11 @@ SI = {
     "Gauss": 1e-4,
     "mgauss": 1e-7,
     "hundredths": 1e-2,
+    "V": 1.0,
+    "mV": 1e-3,
+    "A": 1.0,
+    "cA": 1e-2,
+    "%": 1e-2,
 }
 """Unit of MAVLink's dialects, of DataFlash's UNIT records or of PX4's topics → factor."""
 
@@ -94,6 +99,7 @@ COLUMNS = {
         "vibration": f"{_MPS2} clips_0 clips_1 clips_2",
         "barometer": "pressure_pa altitude_m temperature_degc",
         "gps": f"lat_rad lon_rad height_m speed_mps satellites fix_type hdop course_rad {_NED_MPS} {_SIGMAS}",
+        "battery": "voltage_v current_a remaining",
         "interference": "jamming_state jamming_indicator spoofing_state",
         "magnetometer": _TESLA,
         "temperature": "temperature_degc",
@@ -115,6 +121,7 @@ COLUMNS = {
 NONE_IF_ZERO = dict.fromkeys(("magnetometer", "gps", "airspeed", "range", "flow"), True) | {
     "temperature": False,
     "attitude": False,
+    "battery": False,
 }
 """Kinds of which a source that is zero throughout is none, and whether that is noted."""
 
@@ -134,6 +141,7 @@ _GPS = (
     | _of("course_rad", "cog", "cdeg") | _of(_SIGMAS, "h_acc v_acc vel_acc", "mm")
 )  # fmt: skip
 _PRESSURE = _of("pressure_pa", "press_abs", "hPa") | _of("temperature_degc", "temperature", "cdegC")
+_CHARGE = _of("current_a", "current_battery", "cA") | _of("remaining", "battery_remaining", "%")
 _MATRIX = "covariance[{}]"
 
 # MAVLink common.xml: the upper triangle of a symmetric matrix row by row (6 x 6, 9 x 9), or all nine of a 3 x 3.
@@ -154,6 +162,8 @@ MESSAGE_SOURCES = (
         _RATIOS, "vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio tas_ratio flags")),
     Source("ESTIMATOR_STATUS", "accuracy", _of(
         "horizontal_sigma_m vertical_sigma_m", "pos_horiz_accuracy pos_vert_accuracy", "m")),
+    Source("SYS_STATUS", "battery", _of("voltage_v", "voltage_battery", "mV") | _CHARGE),
+    Source("BATTERY_STATUS", "battery", _of("voltage_v", "voltages[]", "mV") | _CHARGE, by=("id",)),
     Source("AHRS2", "attitude", _of(_ANGLES, "roll pitch yaw", "rad"), instance=1),
     Source("AHRS3", "attitude", _of(_ANGLES, "roll pitch yaw", "rad"), instance=2),
     Source("AIRSPEED", "airspeed", _of("airspeed_mps", "airspeed", "m/s") | _of("pressure_pa", "raw_press", "hPa")
@@ -196,6 +206,9 @@ RECORD_SOURCES = (
         _of("range_m", "Dist1", "m") | _of("orientation", "Orient1"))),  # before 2020
     Source("OF", "flow", _of("x_radps y_radps body_x_radps body_y_radps", "flowX flowY bodyX bodyY", "rad/s")
            | _of("quality", "Qual")),
+    Source("BAT", "battery", _of("voltage_v", "Volt", "V") | _of("current_a", "Curr", "A")
+           | _of("remaining", "RemPct", "%"), others=("BAT2",)),
+    Source("CURR", "battery", _of("voltage_v", "Volt", "V") | _of("current_a", "Curr", "A"), others=("CUR2",)),
     Source("XKF4", "estimator", _of(_RATIOS, "SV SP SH SM SVT SS"), others=("NKF4", "EKF4")),
     Source("XKF3", "innovation", _of(_NED_MPS, "IVN IVE IVD", "m/s") | _of(_NED_M, "IPN IPE IPD", "m")
            | _of(_TESLA, "IMX IMY IMZ", "mgauss") | _of("yaw_rad", "IYAW", "deg") | _of("airspeed_mps", "IVT", "m/s"),
@@ -246,6 +259,7 @@ TOPIC_SOURCES = (
     Source("vehicle_gps_position", "interference", _of(_JAMMED, _JAMMED)),
     Source("sensor_gps", "interference", _of(_JAMMED, _JAMMED)),
     Source("vehicle_magnetometer", "magnetometer", _GAUSS),
+    Source("battery_status", "battery", _of("voltage_v current_a remaining", "voltage_v current_a remaining")),
     Source("vehicle_imu_status", "temperature", _of("temperature_degc", "temperature_accel", "degC")),
     Source("sensors_status_imu", "inconsistency",
            _of(_each("gyro_{}_radps", range(4)), _each("gyro_inconsistency_rad_s[{}]", range(4)), "rad/s")
@@ -311,6 +325,7 @@ SDLOG2_SOURCES = (
     Source("GPS", "interference", _of("jamming_indicator", "J")),
     *(Source(name, "magnetometer", _of(_TESLA, "MagX MagY MagZ", "gauss"), instance=i)
       for i, name in enumerate(("IMU", "IMU1", "IMU2"))),
+    Source("BATT", "battery", _of("voltage_v current_a remaining", "V C Remaining")),
     Source("SENS", "barometer", _of("pressure_pa", "BaroPres", "hPa") | _of("altitude_m", "BaroAlt", "m")
            | _of("temperature_degc", "BaroTemp", "degC")),
 )  # fmt: skip

@@ -11,13 +11,15 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from companion.model import DataError
+from companion.model import DataError, Flight
 from companion.present import vehicle_words
 from companion.view.charts.chart_pages import LiveCharts
 from companion.view.controller import Controller
 from companion.view.panels import live_text
 from companion.view.panels.controls import Controls, Post, bounded, dock
 from companion.view.panels.live_panel import LivePanel
+from companion.view.panels.replay_panel import flight_data
+from companion.view.panels.strip import bands
 from companion.view.scene.cameras import frame
 from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
@@ -45,6 +47,7 @@ class LiveController(Controller):
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # who, whether there is a position, all IMUs
         self._display: DisplayTrajectory | None = None  # the present
+        self._flight: Flight | None = None  # its last seconds
         self._free: FreeRun | None = None  # the present
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         controls = Controls(server.gui, post)
@@ -146,7 +149,7 @@ class LiveController(Controller):
             self._shown = shown
             self._begin(seen)
         self._introduce(seen, display)
-        self._display = display
+        self._display, self._flight = display, seen.flight
         if display.replay.has_position:
             low = float(display.replay.position_ref[-1, 2])
             if low > self.browsers.framing.ground + _SUNK_M:
@@ -204,6 +207,10 @@ class LiveController(Controller):
             has_position = self._display.replay.has_position
             numbers = live_text.numbers(sample, self._free_now(), has_position=has_position, silent=silent)
             update(self._panel.numbers, content=numbers)
+            if self._flight is not None and sample.t >= self._flight.start:
+                below = bands(self._flight, self._display)
+                data = flight_data(sample, self._flight, below, has_position=has_position, of_log=False)
+                update(self._panel.flight, content=data)
         held_s = None if self._held is None or self._display is None or sample is None else self._display.end - sample.t
         self._panel.report(self._feed, held_s)
 

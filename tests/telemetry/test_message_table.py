@@ -54,7 +54,7 @@ def test_the_fields_are_those_of_the_message(row: Source) -> None:
     for ((field, _),) in row.fields.values():
         name, _, place = field.partition("[")
         assert name in layout.fields, field
-        assert not place or int(place[:-1]) < layout.dtype[name].shape[0], field
+        assert not place or int(place[:-1] or 0) < layout.dtype[name].shape[0], field  # "[]": all of them
 
 
 @of(*MESSAGE_SOURCES, *RECORD_SOURCES, *(row for row in TOPIC_SOURCES if row.kind not in IN_LOGS_OF_PX4_ALONE))

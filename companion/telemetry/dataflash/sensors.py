@@ -58,6 +58,9 @@ def _of_sensors(records: Mapping[str, Records], row: Source, notes: list[str]) -
 def _raw_series(one: Records, name: str, row: Source, number: int, notes: list[str]) -> RawSeries | None:
     if "Clip" in one.layout.fields:  # counts for this IMU alone; older logs have Clip0, Clip1 and Clip2
         row = replace(row, fields=row.fields | {f"clips_{number}": (("Clip", ""),)})
+    if row.name == "CURR" and one.layout.has_numbers("Volt") and one["Volt"].dtype.kind == "i":  # until ArduPilot 3.2
+        ways = {column: ((field, "hundredths"),) for column, ((field, _),) in row.fields.items()}
+        row = replace(row, fields=ways)
     t = sample_time(one, row.sampled) if row.sampled else one.t
     return raw_series(row, name, t, lambda field: _column(one, field), one.layout.units, instance=number, notes=notes)
 

@@ -46,6 +46,7 @@ class LivePanel:
         controls.cameras(choose_camera)
         self._legend = gui.add_html("")
         self.numbers = gui.add_html("")
+        self.flight = gui.add_html("")
         self._checks = ChecksFolders(gui)
         with gui.add_folder("Dead reckoning"):
             self.vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)

@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from companion.model import Flight
+from companion.model import Flight, of_kind
 from companion.present import Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
@@ -175,13 +175,17 @@ def horizon_table(sample: Sample, display: DisplayTrajectory) -> str:
     return table(head, rows)
 
 
-def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position: bool) -> str:
-    """What the vehicle did at the instant, as far as the log says it: mode, place, speed, attitude, the time."""
+def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position: bool, of_log: bool = True) -> str:
+    """What the vehicle did at the instant, as far as is known: mode, place, speed, attitude, battery, the time.
+
+    of_log: whether the flight is a log, of which it is told how far it is; else the last seconds of a link.
+    """
     mode = next((one.label for one in reversed(lasting.modes) if one.start_s <= sample.t <= one.end_s), "")
     armed = any(one.start_s <= sample.t <= one.end_s for one in lasting.armed)
     roll, pitch, yaw = np.degrees(quaternion.to_euler(sample.q_ref)).round().astype(int)
     since = max(sample.t - flight.start, 0.0)
-    rows = [("Time", f"{sample.t:.2f} s since boot, {int(since // 60)}:{since % 60:04.1f} of the log")]
+    clock = f", {int(since // 60)}:{since % 60:04.1f} of the log" if of_log else ""
+    rows = [("Time", f"{sample.t:.2f} s since boot{clock}")]
     if flight.epoch is not None:
         rows.append(("UTC", time.strftime("%d %B %Y, %H:%M:%S", time.gmtime(flight.epoch.unix_s + sample.t))))
     if mode or lasting.armed:
@@ -191,7 +195,22 @@ def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position:
         rows.append(("Altitude", f"{-float(sample.position_ref[2]):z.1f} m, {climb:+z.1f} m/s"))
         rows.append(("Ground speed", f"{speed:.1f} m/s"))
     rows.append(("Roll, pitch, yaw", f"{roll:+d}°, {pitch:+d}°, {yaw % 360}°"))
+    if battery := _battery(flight, sample.t):
+        rows.append(("Battery", battery))
     return table((), (row((name, wrapped(value))) for name, value in rows))
 
 
+def _battery(flight: Flight, t: float) -> str:
+    """Voltage, current and what remains of the first battery, as reported last; "" where that is unknown or old."""
+    for one in of_kind(flight.series, "battery"):
+        at = int(np.searchsorted(one.t, t, side="right")) - 1
+        if at >= 0 and t - one.t[at] < _BATTERY_S:
+            volts, ampere, share = (float(one[name][at]) for name in ("voltage_v", "current_a", "remaining"))
+            parts = (f"{volts:.1f} V", f"{ampere:.1f} A", f"{share:.0%}".replace("%", " %"))
+            known = (part for part, value in zip(parts, (volts, ampere, share), strict=True) if np.isfinite(value))
+            return ", ".join(known)
+    return ""
+
+
+_BATTERY_S = 10.0  # it is reported once a second or two
 _PALE = f"opacity:{palette.QUIET}"

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.model import Epoch, Event
+from companion.model import Epoch, Event, Series
 from companion.view import ReplayChoice
 from companion.view.panels.replay_panel import errors_table, flight_data
-from companion.view.panels.strip import bands
+from companion.view.panels.strip import Bands, bands
 from companion.view.state.trajectory import Envelope
 from tests.view.circles import BOOT, make_flight, recompute
 
@@ -56,3 +56,18 @@ def test_what_the_vehicle_does_at_the_instant() -> None:
     assert (", armed" in early, ", disarmed" in late) == (True, True)
     speed = float(np.hypot(*display.at(BOOT + 20.0).velocity_ref[:2]))
     assert f"{speed:.1f} m/s" in early
+
+
+def test_the_battery_is_that_of_the_last_report() -> None:
+    values = np.array([[16.0, 10.0, 0.9], [15.5, np.nan, 0.84]])
+    battery = Series(BOOT + np.array([10.0, 20.0]), values, ("voltage_v", "current_a", "remaining"), "SYS_STATUS", 0)
+    flight = replace(make_flight(), series={"battery": battery})
+    display = recompute(flight, ReplayChoice())
+
+    def at(t: float) -> list[list[str]]:
+        return [row for row in cells(flight_data(display.at(t), flight, Bands(), has_position=False, of_log=False))
+                if row[0] == "Battery"]  # fmt: skip
+
+    assert at(BOOT + 15.0) == [["Battery", "16.0 V, 10.0 A, 90 %"]]
+    assert at(BOOT + 25.0) == [["Battery", "15.5 V, 84 %"]], "a current that is not measured is not shown"
+    assert at(BOOT + 5.0) == at(BOOT + 40.0) == [], "nothing is known yet, nor any more"
