@@ -29,10 +29,7 @@ _JUDGED_S = 5.0
 
 
 def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
-    """The page as HTML that needs no network. about: (what, value) of the run.
-
-    Raises InputError when plotly is not installed.
-    """
+    """The page as HTML that needs no network. about: (what, value) of the run."""
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
     horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - _JUDGED_S), default=_JUDGED_S)

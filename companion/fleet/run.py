@@ -72,7 +72,6 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
     that cannot be written to and a scheduler that does not answer; what was examined by then is kept.
     """
     _require("pyarrow", "the tables are written")
-    _require("plotly", "the page is drawn")
     version = version_of(run.settings, run.imu, run.imu_model)
     plan = Plan(
         version=version,

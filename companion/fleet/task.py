@@ -181,7 +181,7 @@ _FOLDER = "reports"
 def write_report(folder: Path, recording: Recording, examined: Examination, settings: Settings, digest: str) -> str:
     """Write it, and return its place in the folder: named after the log and its content.
 
-    Raises InputError when plotly is not installed or the folder is not to be seen from here, OSError when the file
+    Raises InputError when the folder is not to be seen from here, OSError when the file
     cannot be written.
     """
     if not folder.is_dir():

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 EXTRAS = {
-    "report": "charts: companion report, and the page of companion fleet",
+    "report": "charts in a notebook",
     "export": "companion export --format parquet, mcap and rosbag2",
     "zstd": "logs packed with Zstandard",
     "fleet": "companion fleet",

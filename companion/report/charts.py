@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import base64
-import gzip
-from collections.abc import Callable
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from companion.installation import missing
 from companion.present import text
 from companion.report.traces import Figure
 
@@ -35,14 +33,9 @@ _AXIS: dict[str, Any] = {"zeroline": False, "automargin": True, "title": {"stand
 
 
 class Charts:
-    """The figures of one page. Raises InputError when plotly is not installed."""
+    """The figures of one page."""
 
     def __init__(self) -> None:
-        try:
-            from plotly import offline  # noqa: PLC0415  (an extra: needed for reports alone)
-        except ImportError:
-            raise missing("report", "a report needs plotly for its charts") from None
-        self._library = offline.get_plotlyjs
         self._drawn: list[Figure] = []
 
     def add(self, figure: Figure, caption: str, *, rows: float = 1.5, square: bool = False) -> str:
@@ -59,15 +52,14 @@ class Charts:
         """All figures as one JSON array, chart1 first. Non-finite numbers outside of arrays become null."""
         return msgspec.json.encode(self._drawn, enc_hook=_plain).decode()
 
-    def library(self) -> str:
-        """plotly.js, gzip and base64: a third of its size."""
-        return _packed(self._library)
-
 
 @cache
-def _packed(script: Callable[[], str]) -> str:
-    """Once for all reports of a process: an eighth of a second each."""
-    return base64.b64encode(gzip.compress(script().encode(), 5, mtime=0)).decode()
+def plotly_js() -> str:
+    """plotly.js 4.1.1, gzip and base64: npm's plotly.js-basic-dist-min, which has the kinds of charts drawn here.
+
+    The whole library, as plotly for Python brings it, is four times as large.
+    """
+    return base64.b64encode((files("companion.report") / "plotly-basic.min.js.gz").read_bytes()).decode()
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from companion.present import details, text
-from companion.report.charts import Charts
+from companion.report.charts import Charts, plotly_js
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
@@ -23,7 +23,7 @@ def sheet(title: str, head: str, sections: Sequence[Section], charts: Charts, da
     carried = [
         f'<script type="application/json" id="{name}">{_inert(json)}</script>' for name, json in documents.items()
     ]
-    scripts = "\n".join([*carried, f'<script type="application/gzip" id="plotly">{charts.library()}</script>'])
+    scripts = "\n".join([*carried, f'<script type="application/gzip" id="plotly">{plotly_js()}</script>'])
     contents = "".join(f'<a href="#{section.anchor}">{text(section.title)}</a>' for section in sections)
     bodies = "".join(map(_section, sections))
     return (

@@ -31,7 +31,7 @@ _ANGLES = (("roll", 0), ("pitch", 1))
 
 
 def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None, verdict: str, name: str) -> str:
-    """One page. name: of the log; verdict: the analysis in a sentence, or "". Raises InputError without plotly."""
+    """One page. name: of the log; verdict: the analysis in a sentence, or ""."""
     charts = Charts()
     panels = list(_panels(incident, flight, best))
     figure = charts.add(

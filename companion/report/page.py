@@ -46,8 +46,7 @@ def report_html(
     """The report of an examined flight as one HTML file in UTF-8.
 
     source: the log that the flight was read from; settings: those that it was examined with; command: the command
-    line, to be shown. Without the playback it is about 1.5 MB smaller.
-    Raises InputError when plotly is not installed.
+    line, to be shown. Without the playback it is about 1 MB smaller.
     """
     charts, flight, assessment = Charts(), examined.flight, examined.assessment
     subject = subject_of(examined, source, settings or Settings(), charts)
@@ -91,10 +90,7 @@ def _playback(subject: Subject) -> str:
 
 
 def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
-    """The report of a flight that cannot be examined, as far as it goes.
-
-    Raises InputError when plotly is not installed.
-    """
+    """The report of a flight that cannot be examined, as far as it goes."""
     charts, flight = Charts(), unexamined.flight
     first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
     sections = [Section("track", "Altitude", track(flight, None, palette.IMU, charts))]

@@ -18,7 +18,7 @@ from companion.model import Flight
 from companion.present import details, method_words, paragraph, severity_word, table, text
 from companion.report.html_page import Section
 
-_LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")
+_LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "viser")
 MOST_TEXTS = 500
 
 

@@ -60,7 +60,7 @@ def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": np.asarray(x, dtype=np.float64),
+        "x": np.asarray(x, dtype=np.float32),  # of an hour: a quarter of a millisecond, a thousandth of a pixel
         "y": np.asarray(y, dtype=np.float32),
         "name": name,
         "line": style,

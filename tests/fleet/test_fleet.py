@@ -278,7 +278,7 @@ def no_library(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setitem(sys.modules, name, None)
 
 
-@pytest.mark.parametrize("library", ["distributed", "pyarrow", "plotly"])
+@pytest.mark.parametrize("library", ["distributed", "pyarrow"])
 def test_a_missing_library_gets_the_line_that_installs_it(
     library: str, logs: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -60,6 +60,9 @@ _STYLE = (
     '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
     '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
     "@media (max-width:75em){.companion-words{display:none}}"  # of the timeline: they would lie on each other
+    # A chart's legend has values where the pointer is, and "--" for each while there is none.
+    ".uplot:not(:hover) .u-legend .u-value{visibility:hidden}"
+    ".uplot:not(:hover) .u-legend th::after{content:none!important}"
     # The head of a panel that is folded is dimmed by viser to 2.8 to 1.
     'div[role="button"][aria-expanded="false"] p{opacity:0.8!important}'
     '[class*="mantine-Notification-description"]{color:inherit!important}</style>'
