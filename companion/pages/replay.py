@@ -41,14 +41,13 @@ from companion.view import (
     Offer,
     ReplayChoice,
     Viewer,
+    anchored_at_opening,
     chosen_track,
     display_trajectory,
-    joined,
-    missing_anchor,
+    first_horizon,
     with_result,
 )
 
-_HORIZON_S = 5.0  # the windows that the verdict is reached with
 _SAME_S = 0.01  # the page rounds the start that it shows
 
 
@@ -97,7 +96,11 @@ class Answers:
             noise=_noise_of(flight, assessment),
             calibrated=_calibrated(assessment, choice.horizon_s),
         )
-        anchored = self._anchored(flight, choice, with_result(display, result))
+        anchored = None
+        if choice.reanchor_s is not None:
+            anchored = anchored_at_opening(
+                flight, with_result(display, result), choice.imu, choice.integration(flight), choice.reanchor_s
+            )
         shown = display.replay if anchored is None else anchored
         expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
         return replace(result, expected=expected, replay=anchored)
@@ -111,19 +114,6 @@ class Answers:
         except DataError:  # it never stands
             before = None
         return FlightChecks(None if judged is None else judged[0], before)
-
-    def _anchored(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Replay | None:
-        """The same replay, anchored where the page opens as well; None where it is, or runs free."""
-        start = missing_anchor(display)
-        if start is None or choice.reanchor_s is None:
-            return None
-        before, how = display.replay, choice.integration(flight)
-        seen = flight.with_imu(display.track) if display.track else flight
-        try:
-            after = replay(seen, imu=choice.imu, how=how, reanchor_s=choice.reanchor_s, start_s=start)
-        except DataError:  # the autopilot's state is not known from there on
-            return None
-        return joined(before, after)
 
     def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
         """From rest where requested, as long as the page requests no anchor of the autopilot's."""
@@ -205,7 +195,7 @@ def open_replay(
         how=integration_of(settings, flight),
         gravity=settings.integration.gravity,
         reanchor_s=None if answers.from_rest else settings.view.reanchor_s or None,
-        horizon_s=_HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2],
+        horizon_s=first_horizon(horizons),
         correction="no" if answers.correction_file is None else "file",
     )
     if examined is not None:

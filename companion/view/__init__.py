@@ -3,11 +3,11 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon, with_track
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, LinkState, Seen, StreamState
 from companion.view.state.marks import Mark
-from companion.view.state.moments import missing_anchor
+from companion.view.state.moments import anchored_at_opening
 from companion.view.state.places import best_path
 from companion.view.state.trajectory import (
     AnalysisResult,
@@ -15,7 +15,6 @@ from companion.view.state.trajectory import (
     FlightChecks,
     Worst,
     display_trajectory,
-    joined,
     with_result,
     worst_stretch,
 )
@@ -60,13 +59,13 @@ __all__ = [
     "StreamState",
     "Viewer",
     "Worst",
+    "anchored_at_opening",
     "best_path",
     "check_url",
     "chosen_track",
     "display_trajectory",
     "extremes",
-    "joined",
-    "missing_anchor",
+    "first_horizon",
     "replay_page",
     "with_result",
     "with_track",

@@ -144,7 +144,7 @@ class ReplayController(Controller):
 
     def visit(self, t: str, imu: str, *, again: bool) -> None:
         """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
-        if again and (self._visited or len(self.browsers) > 1 or not self._untouched):
+        if not (t or imu) or (again and (self._visited or len(self.browsers) > 1 or not self._untouched)):
             return
         with contextlib.suppress(ValueError):
             if again and abs(float(t) - self._opened_s) < _ROUNDED_S:
@@ -268,11 +268,10 @@ class ReplayController(Controller):
         return not self._visited and not self.player.playing and self.player.time == self._opened_s
 
     def _open(self) -> None:
-        """Go where the page opens."""
+        """Go where the page opens: what is wrong shows there, and what led to it can be played."""
         if (moment := self._opening) is not None:
-            opens = moment.opens_at(self._display.replay.anchors)
-            self.player.seek(opens)
-            self._point(moment, opens)
+            self.player.seek(moment.opens_at(self._display))
+            self._point(moment, moment.begins_at(self._display.replay.anchors))
         self._opened_s = self.player.time
 
     def _show_finding(self, browser: int, finding: Finding) -> None:
@@ -315,7 +314,7 @@ class ReplayController(Controller):
     def _place(self) -> None:
         """Lay out the picture, and where cameras stand in it."""
         whole, moment = frame_of(self._display), self._opening
-        begin = None if moment is None else (moment.opens_s, moment.opens_s + PLAYED_S)
+        begin = None if moment is None else (moment.begins_s, moment.begins_s + PLAYED_S)
         self.browsers.place(whole, None if begin is None else frame_between(self._display, whole, *begin))
         self.scene.load(self._display, whole, self.drone, self._colours, self._home)
 

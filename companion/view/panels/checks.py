@@ -22,16 +22,18 @@ from companion.view.state.sending import update
 from companion.view.state.trajectory import FlightChecks
 
 _COLOURS = {OUTCOMES["go"]: palette.GOOD, OUTCOMES["no_go"]: palette.BAD, OUTCOMES["unknown"]: palette.DOUBTFUL}
+_BEFORE = "Before take-off"
 _PALE = f"opacity:{palette.QUIET}"
 
 
 class ChecksFolders:
     """A folder for each, shown where there is something in it. Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, *, before_takeoff: bool = False) -> None:
+        """before_takeoff: whether those checks are what one looks at now, and are unfolded."""
         self.folders = []
-        for label in ("Lanes of the estimator", "Before take-off"):
-            with (folder := gui.add_folder(label, visible=False)):
+        for label, unfolded in (("Lanes of the estimator", True), (_BEFORE, before_takeoff)):
+            with (folder := gui.add_folder(label, visible=False, expand_by_default=unfolded)):
                 self.folders.append((folder, gui.add_html("")))
 
     def load(self, checks: FlightChecks) -> None:
@@ -41,6 +43,8 @@ class ChecksFolders:
         for (folder, text), markup in zip(self.folders, (lanes, preflight), strict=True):
             update(text, content=markup)
             update(folder, visible=bool(markup))
+        if checks.preflight is not None:
+            update(self.folders[1][0], label=f"{_BEFORE}: {OUTCOMES[checks.preflight.outcome]}")
 
 
 def preflight_markup(result: Preflight) -> str:
@@ -51,6 +55,8 @@ def preflight_markup(result: Preflight) -> str:
     for outcome, *cells in preflight_table(result).rows:
         check, sensor, size, limit, own = (escape(str(cell)) for cell in cells)
         sign = badge(str(outcome), _COLOURS[str(outcome)])
+        if "±" in size:  # a number and its unit stay together
+            size = size.replace(" ", "&nbsp;")
         about = f'<span title="{own}">{sign} {check}</span><br>{_pale(sensor.replace(", ", " and "))}'
         rows.append(row((wrapped(about), wrapped(f"{size}<br>{_pale(limit)}"))))
     return block(lines([head, *map(escape, notes)])) + table(("check", "size, limit"), rows)

@@ -47,7 +47,7 @@ class LivePanel:
         self._legend = gui.add_html("")
         self.numbers = gui.add_html("")
         self.flight = gui.add_html("")
-        self._checks = ChecksFolders(gui)
+        self._checks = ChecksFolders(gui, before_takeoff=True)
         with gui.add_folder("Dead reckoning"):
             self.vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -86,6 +86,14 @@ class Offer:
     report: Report | None = None  # makes the report of what is shown
     map_url: str | None = None  # template of a map's tiles; None: there is no map
     map_shown: bool = False  # from the start
+
+
+_HORIZON_S = 5.0  # of the windows that the verdict is reached with
+
+
+def first_horizon(horizons: Sequence[float]) -> float:
+    """The one of a drift table that is shown first."""
+    return _HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2]
 
 
 def chosen_track(flight: Flight, choice: ReplayChoice, correction: Correction = NO_CORRECTION) -> ImuTrack:

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis import Finding, Verdict
-from companion.model import Array
-from companion.view.state.trajectory import DisplayTrajectory, Errors, worst_stretch
+from companion.analysis import Finding, Integration, Replay, Verdict, replay
+from companion.model import Array, DataError, Flight
+from companion.view.state.trajectory import DisplayTrajectory, Errors, joined, worst_stretch
 
 Error = Literal["attitude", "velocity", "position"]
 ERRORS: dict[Error, tuple[str, str]] = {
@@ -19,12 +19,12 @@ ERRORS: dict[Error, tuple[str, str]] = {
 }
 """Name and unit of what can be off."""
 BEFORE_S, PLAYED_S = 3.0, 10.0
-"""How long before the onset of a cause the page opens, and how much of it is played from there."""
+"""How long before the onset of a cause what is played from the page's opening begins, and how long it lasts."""
 AFTER_S = 3.0
 """How long after the strongest instant of a finding it is played to."""
 LONG_S = 120.0
 """A log that lasts longer has more anchors than a strip can show: it has the error over the horizon in their place."""
-_NEAR_S, _SAME_S = 0.5, 0.01  # s from where the page opens: its own anchor follows soon, or is there
+_NEAR_S, _SAME_S = 0.5, 0.01  # s from where a moment is played from: its own anchor follows soon, or is there
 _LAST_S = 5.0  # of the worst stretch, while there is no analysis
 _SHOWS_IN: dict[str, Error] = {
     **dict.fromkeys(("gyro", "compass", "tilt", "heading", "declination", "mounting", "axes", "imu"), "attitude"),
@@ -60,14 +60,21 @@ class Moment:
     strongest_s: float
 
     @property
-    def opens_s(self) -> float:
-        """Where the page opens at it."""
+    def begins_s(self) -> float:
+        """From where it is played."""
         return self.onset_s - BEFORE_S
 
-    def opens_at(self, anchors: Array) -> float:
+    def begins_at(self, anchors: Array) -> float:
         """The same, at the anchor that is made for it: the sample that follows."""
-        near = anchors[(anchors >= self.opens_s) & (anchors < self.opens_s + _NEAR_S)]
-        return float(near[0]) if len(near) else self.opens_s
+        near = anchors[(anchors >= self.begins_s) & (anchors < self.begins_s + _NEAR_S)]
+        return float(near[0]) if len(near) else self.begins_s
+
+    def opens_at(self, display: DisplayTrajectory) -> float:
+        """Where the page opens at it: where the error is largest of what is played."""
+        curve = since_anchor(display, self.error)
+        begin = self.begins_at(display.replay.anchors)
+        played = np.flatnonzero((curve.t >= self.onset_s) & (curve.t < begin + PLAYED_S))
+        return float(curve.t[played[np.argmax(curve.values[played])]]) if len(played) else begin
 
 
 def over_horizon(display: DisplayTrajectory, error: Error) -> ErrorCurve | None:
@@ -175,9 +182,18 @@ def decisive(display: DisplayTrajectory) -> Moment | None:
     return Moment("position", max(stretch.start_s, stretch.end_s - _LAST_S), stretch.end_s, stretch.end_s)
 
 
-def missing_anchor(display: DisplayTrajectory) -> float | None:
-    """Where the page opens, s, where the dead reckoning is to start anew there; None where it does, or begins."""
-    moment, replay = decisive(display), display.replay
-    if moment is None or moment.opens_s <= replay.t[0] or np.abs(replay.anchors - moment.opens_s).min() < _SAME_S:
+def anchored_at_opening(
+    flight: Flight, display: DisplayTrajectory, imu: str | None, how: Integration, reanchor_s: float
+) -> Replay | None:
+    """The replay that is shown, anchored where the page's opening is played from as well.
+
+    None where it is already, or begins there, and where the autopilot's state is not known from there on.
+    """
+    moment, before = decisive(display), display.replay
+    if moment is None or moment.begins_s <= before.t[0] or np.abs(before.anchors - moment.begins_s).min() < _SAME_S:
         return None
-    return moment.opens_s
+    seen = flight.with_imu(display.track) if display.track else flight
+    try:
+        return joined(before, replay(seen, imu=imu, how=how, reanchor_s=reanchor_s, start_s=moment.begins_s))
+    except DataError:
+        return None

@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import Cause, Finding, Replay, Verdict
+from companion.analysis import Cause, Finding, Integration, Verdict, replay
 from companion.analysis.finding import KINDS
-from companion.view import ReplayChoice, display_trajectory, joined, with_result
+from companion.view import ReplayChoice, anchored_at_opening, display_trajectory, with_result
 from companion.view.state.decimation import by_shape
-from companion.view.state.moments import BEFORE_S, decisive, errors_in, missing_anchor, moment_of, sigmas_along
+from companion.view.state.moments import (
+    BEFORE_S,
+    PLAYED_S,
+    decisive,
+    errors_in,
+    moment_of,
+    sigmas_along,
+    since_anchor,
+)
 from companion.view.state.player import Player
 from companion.view.state.trajectory import DisplayTrajectory
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight
@@ -40,11 +48,21 @@ def fault(start: float, end: float, kind: str = "gyro_bias") -> Finding:
     return Finding(kind, "imu", "error", start, end, "it is off", "mend it", cause=cause)
 
 
-def test_it_opens_before_the_onset_of_the_cause(display: DisplayTrajectory) -> None:
-    moment = decisive(accused(display, fault(BOOT + 23.0, BOOT + 36.0)))
+def test_it_opens_where_the_error_that_follows_the_onset_shows_most(display: DisplayTrajectory) -> None:
+    """What is played begins before the onset, at an anchor: there nothing is wrong to be seen."""
+    shown = accused(display, fault(BOOT + 27.5, BOOT + 36.0))
+    both = anchored_at_opening(FLIGHT, shown, "RAW_IMU", Integration(), 10.0)
+    assert both is not None
+    opened = replace(display_trajectory(both), result=shown.result)
+    moment = decisive(opened)
     assert moment is not None
-    assert moment.opens_s == BOOT + 23.0 - BEFORE_S
     assert moment.error == "attitude"
+    begins, opens = moment.begins_at(both.anchors), moment.opens_at(opened)
+    assert begins == pytest.approx(BOOT + 27.5 - BEFORE_S, abs=0.02)
+    curve = since_anchor(opened, "attitude")
+    played = curve.values[(curve.t >= begins) & (curve.t < begins + PLAYED_S)]
+    assert curve.values[np.searchsorted(curve.t, opens)] == played.max() > 0.0
+    assert begins + BEFORE_S < opens < begins + PLAYED_S
 
 
 def test_without_a_cause_it_opens_at_the_worst_window(display: DisplayTrajectory) -> None:
@@ -85,17 +103,17 @@ def test_every_kind_of_finding_shows_somewhere(kind: str, display: DisplayTrajec
 
 def test_an_anchor_is_added_where_the_page_opens_and_nothing_else_changes(display: DisplayTrajectory) -> None:
     shown = accused(display, fault(BOOT + 27.5, BOOT + 36.0))
-    start = missing_anchor(shown)
-    assert start == BOOT + 24.5
-    before, after = shown.replay, dead_reckon(FLIGHT, replace(CHOICE, start_s=start))
-    both: Replay = joined(before, after)
+    start, how = BOOT + 27.5 - BEFORE_S, Integration()
+    before, after = shown.replay, replay(FLIGHT, imu="RAW_IMU", how=how, reanchor_s=10.0, start_s=start)
+    both = anchored_at_opening(FLIGHT, shown, "RAW_IMU", how, 10.0)
+    assert both is not None
     assert np.array_equal(both.t, before.t)
     assert np.array_equal(both.position_ref, before.position_ref)
     early = both.t < start
     assert np.array_equal(both.position_imu[early], before.position_imu[early])
     assert np.array_equal(both.position_imu[~early], after.position_imu)
     assert start in both.anchors
-    assert missing_anchor(replace(shown, replay=both)) is None
+    assert anchored_at_opening(FLIGHT, replace(shown, replay=both), "RAW_IMU", how, 10.0) is None
 
 
 def test_a_part_is_played_once_and_pauses_at_its_end() -> None:
