@@ -17,11 +17,12 @@ import pytest
 
 import companion as c
 from companion.app.examination import integration_of
+from companion.app.settings import Settings
 from companion.cli import main
 from companion.model import STANDARD_GRAVITY
 from companion.pages.replay import Answers
 from companion.present import STATISTICS, palette
-from companion.view import ReplayChoice
+from companion.view import ReplayChoice, with_result, worst_stretch
 from companion.view.panels.verdict import drift_table
 from tests.processes import COMPANION
 from tests.recordings import BUNDLED
@@ -188,3 +189,18 @@ def test_the_page_in_the_browser(flight: Document) -> None:
     exported = c.export.tables(opened, display.replay)["reckoning"]
     own = c.export.assessed_replay(opened, found, choice.reanchor_s)
     assert np.array_equal(exported["position_imu_north_m"], own.position_imu[:, 0]), "the trajectory that is exported"
+
+
+def test_page_and_report_name_the_same_farthest_moment(tmp_path: Path) -> None:
+    """Both dead-reckon with the anchor from which the page's opening is played."""
+    assert main(["report", DEMO, "-o", str(tmp_path / "x.html"), "--no-playback"]) == 0
+    report = (tmp_path / "x.html").read_text(encoding="utf-8")
+    flight, answers = c.open_log(DEMO)[0], Answers(Settings())
+    choice = ReplayChoice(imu=flight.default_imu, how=integration_of(Settings(), flight))
+    shown = answers.recompute(flight, choice)
+    worst = worst_stretch(with_result(shown, answers.examine(flight, choice, shown)).replay)
+    assert worst is not None
+    found = re.search(r"farthest apart at ([\d.]+) s: ([\d.]+)\sm,", report)
+    assert found
+    assert float(found[1]) == pytest.approx(worst.end_s, abs=0.051)
+    assert float(found[2]) == pytest.approx(worst.apart_m, rel=5e-3)

@@ -23,7 +23,7 @@ def errors(subject: Subject) -> str:
     figure = traces.stack(panels, traces.TIME, spans=[(f.start_s, f.end_s) for f in severe])
     period = subject.settings.view.reanchor_s
     caption = (
-        f"The IMU alone, started again from the autopilot's state every {period:g} s. "
+        f"The IMU alone, started again from the autopilot's state every {period:g} s{_anew(shown, period)}. "
         if period
         else "The IMU alone from beginning to end. "
     )
@@ -35,6 +35,12 @@ def errors(subject: Subject) -> str:
     caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
     return note + subject.charts.add(figure, caption, rows=len(panels))
+
+
+def _anew(shown: Replay, period: float) -> str:
+    """Where the page opens there is an anchor of its own."""
+    early = np.flatnonzero(np.diff(shown.anchors) < 0.99 * period)
+    return "".join(f", counted anew from {t:.1f} s" for t in shown.anchors[early + 1])
 
 
 def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rgb) -> list[traces.Panel]:

@@ -25,12 +25,12 @@ _STYLE = (  # over the picture, between the panels; on a phone over all of its w
     ".companion-banner span{text-wrap:balance;display:-webkit-box;-webkit-box-orient:vertical;"
     "-webkit-line-clamp:3;overflow:hidden}"
     ".companion-banner em{font-size:14px;font-weight:400;font-style:normal;opacity:.95;margin-left:.6em}"
-    ".companion-banner small{display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:2;overflow:hidden;"
+    ".companion-banner small{display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:3;overflow:hidden;"
     "font-size:12.5px;font-weight:400;line-height:1.35;margin-top:2px}"
     "@media (max-width:1150px){.companion-banner{font-size:16px}}"
     f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
     f"@media {PHONE}{{.companion-banner{{top:0;left:0;right:0;border-radius:0;padding:6px 10px;font-size:16px}}"
-    ".companion-banner em{font-size:12px}.companion-banner small{font-size:11px}}</style>"
+    ".companion-banner em{font-size:12px}.companion-banner small{font-size:11px;-webkit-line-clamp:6}}</style>"
 )
 
 
