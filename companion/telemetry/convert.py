@@ -88,7 +88,7 @@ def _raw_series(row: Source, messages: Messages, number: int | None, notes: list
         if name not in messages.layout.fields:
             return None
         if place == "]":  # of cells in series, those that are there: all together
-            return np.where(messages[name] == _NO_CELL, 0.0, messages[name]).sum(axis=1)
+            return np.asarray(np.where(messages[name] == _NO_CELL, 0.0, messages[name]).sum(axis=1))
         return messages[name][:, int(place[:-1])] if place else messages[name]
 
     name = messages.name if number is None else f"{messages.name}[{number}]"

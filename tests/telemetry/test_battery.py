@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,7 +64,7 @@ def test_ardupilots_records_of_any_age(
 
 def test_px4s_topic(tmp_path: Path) -> None:
     t = np.arange(20, dtype=np.uint64) * 100_000 + 10_000_000
-    topic = {
+    topic: dict[str, Any] = {
         "timestamp": t,
         "voltage_v": np.full(20, 15.5, np.float32),
         "current_a": np.full(20, -1.0, np.float32),

@@ -392,7 +392,7 @@ def test_a_page_with_a_token_is_opened_and_opened_again(wide_page: Page, flight:
         assert viewer.browsers == 1
 
 
-def test_it_opens_at_the_fault_plays_what_led_to_it_and_a_finding_leads_to_its_worst(page: Page, flight: Flight) -> None:
+def test_it_opens_at_the_fault_plays_what_led_to_it_and_goes_to_a_findings_worst(page: Page, flight: Flight) -> None:
     """The error grows from each anchor, every 10 s: the worst of the fault is not where it begins."""
 
     def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:

@@ -13,7 +13,7 @@ from companion.telemetry.dataflash.cores import of_cores
 from companion.telemetry.dataflash.imu import batches
 from companion.telemetry.dataflash.rows import sample_time, sound, sources
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
-from companion.telemetry.sources import GPS_ACCURACY, RECORD_SOURCES, Source
+from companion.telemetry.sources import GPS_ACCURACY, RECORD_SOURCES, Fields, Source
 
 _BLENDED = 2  # instance of GPS: the mean of the receivers, made by ArduPilot
 _ACCURACY = {field for ways in GPS_ACCURACY.values() for field, _ in ways}
@@ -59,8 +59,8 @@ def _raw_series(one: Records, name: str, row: Source, number: int, notes: list[s
     if "Clip" in one.layout.fields:  # counts for this IMU alone; older logs have Clip0, Clip1 and Clip2
         row = replace(row, fields=row.fields | {f"clips_{number}": (("Clip", ""),)})
     if row.name == "CURR" and one.layout.has_numbers("Volt") and one["Volt"].dtype.kind == "i":  # until ArduPilot 3.2
-        ways = {column: ((field, "hundredths"),) for column, ((field, _),) in row.fields.items()}
-        row = replace(row, fields=ways)
+        hundredths: Fields = {column: ((field, "hundredths"),) for column, ((field, _),) in row.fields.items()}
+        row = replace(row, fields=hundredths)
     t = sample_time(one, row.sampled) if row.sampled else one.t
     return raw_series(row, name, t, lambda field: _column(one, field), one.layout.units, instance=number, notes=notes)
 

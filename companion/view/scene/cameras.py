@@ -114,13 +114,18 @@ def frame_of(display: DisplayTrajectory) -> Framing:
     return framing if replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
 
+WITH_DRONES = 1.2
+"""Times as far away as the paths alone need: at their ends are drones, with their names."""
+
+
 def frame_between(display: DisplayTrajectory, whole: Framing, start: float, end: float) -> Framing:
     """The room of both paths between two times, s, over the ground of the whole flight."""
     replay = display.replay
     part = _between(replay.t, start, end)
     if not replay.has_position or part.stop - part.start < 2:
         return whole
-    return replace(frame(replay.position_ref[part], replay.position_imu[part], np.inf), ground=whole.ground)
+    near = frame(replay.position_ref[part], replay.position_imu[part], np.inf)
+    return replace(near, ground=whole.ground, distance=WITH_DRONES * near.distance)
 
 
 def _between(t: Array, start: float, end: float) -> slice:
