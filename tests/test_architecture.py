@@ -51,18 +51,20 @@ MAY_IMPORT = {
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
     | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
-    | {"app.lanes"}
+    | {"app.lanes", "app.sensors"}
     | {"documents", "present", "view"},
     "pages": set[str](),
     "pages.replay": GROUND
-    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
-    "pages.live": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
+    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"}
+    | {"app.lanes", "app.sensors"},
+    "pages.live": GROUND
+    | {"links", "analysis", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
     "pages.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
     "mavproxy": GROUND | {"mavlink", "analysis", "app.settings", "app.running_verdict"},
     "fleet": GROUND
-    | {"mavlink", "logs", "telemetry", "app.destination", "app.settings", "app.sensors", "app.recording"}
-    | {"installation", "app.examination", "documents", "present", "export", "report"},
+    | {"installation", "mavlink", "logs", "telemetry", "analysis", "app.destination", "app.settings", "app.sensors"}
+    | {"app.recording", "app.examination", "documents", "present", "export", "report"},
     "cli": GROUND
     | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 
-from companion.analysis import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise_model
+from companion.analysis import ImuNoise, ImuSpec, ModelFigure, Preflight, SensorSpec, noise_model, preflight
 from companion.app.toml_file import read_toml
 from companion.installation import data_folder
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
@@ -181,3 +181,8 @@ def _sensor(sensor: _Sensor) -> SensorSpec:
         full_scale=sensor.full_scale.si,
         scale_tolerance=sensor.scale.si,
     )
+
+
+def preflight_of(flight: Flight) -> Preflight:
+    """The checks before take-off, each IMU's by its own part. Raises DataError where the vehicle never stands."""
+    return preflight(flight, partial(imu_spec_of, flight))

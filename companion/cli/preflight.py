@@ -6,16 +6,15 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Ageing, Preflight, ageing, preflight
+from companion.analysis import Ageing, Preflight, ageing
 from companion.app.recording import Recording
-from companion.app.sensors import imu_spec_of
+from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.cli import live, options, parsers, record, tables
 from companion.documents import encode, preflight_document
@@ -75,7 +74,7 @@ def _of_log(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording, arguments)]
-    result = preflight(flight, partial(imu_spec_of, flight))
+    result = preflight_of(flight)
     aged = _aged(arguments.history, settings, recording, flight, result) if arguments.history else ()
     if arguments.json:
         print(encode(preflight_document(recording.source, flight, result, aged)))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
-from companion.analysis import Check, preflight
+from companion.analysis import Check
 from companion.app.recording import Recording, read_recording
-from companion.app.sensors import imu_spec_of
+from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.fleet.rows import Row, arrow_table
 from companion.fleet.search import find_logs
@@ -25,7 +24,7 @@ TABLE = "preflight.parquet"
 def checks_of(flight: Flight) -> tuple[Check, ...]:
     """Those before take-off that have a size; none where the vehicle never stands."""
     try:
-        checks = preflight(flight, partial(imu_spec_of, flight)).checks
+        checks = preflight_of(flight).checks
     except DataError:
         return ()
     return tuple(one for one in checks if math.isfinite(one.size) and math.isfinite(one.sigma))

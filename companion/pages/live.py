@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from functools import partial
 
 import msgspec
-import numpy as np
 
-from companion.analysis import DriftRow, LiveVerdict, Preflight, preflight
+from companion.analysis import DriftRow, LiveVerdict, Preflight
 from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
-from companion.app.sensors import imu_spec_of
+from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
 from companion.model import DataError, Flight
@@ -170,12 +168,11 @@ class LiveFeed:
 
 def checks_on_the_ground(flight: Flight) -> Preflight | None:
     """The checks while the vehicle says that it is disarmed, and stands; else None."""
-    end = np.array([flight.start + flight.duration])
-    armed = flight.armed(end, end)
-    if "HEARTBEAT" not in flight.messages or (armed is not None and armed[0]):
+    armed = next((e.kind == "armed" for e in reversed(flight.events) if e.kind in ("armed", "disarmed")), False)
+    if armed or "HEARTBEAT" not in flight.messages:
         return None
     try:
-        return preflight(flight, partial(imu_spec_of, flight))
+        return preflight_of(flight)
     except DataError:
         return None
 

@@ -22,7 +22,6 @@ from companion.analysis import (
     errors,
     expected_since_anchor,
     imu_noise,
-    preflight,
     replay,
     replay_from_rest,
     trailing,
@@ -31,7 +30,7 @@ from companion.app.correction import load_correction
 from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of
 from companion.app.lanes import redundant_lanes
 from companion.app.recording import Source
-from companion.app.sensors import imu_spec_of
+from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.model import DataError, Flight
 from companion.view import (
@@ -110,7 +109,7 @@ class Answers:
         own = self._examination(flight, choice, display).assessment
         judged = redundant_lanes(flight, self.settings, own)
         try:
-            before = preflight(flight, partial(imu_spec_of, flight))
+            before = preflight_of(flight)
         except DataError:  # it never stands
             before = None
         return FlightChecks(None if judged is None else judged[0], before)

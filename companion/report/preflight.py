@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
-
-from companion.analysis import phases, preflight
-from companion.app.sensors import imu_spec_of
+from companion.analysis import phases
+from companion.app.sensors import preflight_of
 from companion.model import DataError
 from companion.present import html_table, paragraph, preflight_headline, preflight_table
 from companion.report.html_page import Section
@@ -18,7 +16,7 @@ def sections(subject: Subject) -> list[Section]:
     if any(part.kind in ("flight", "impact") for part in phases(flight)):
         return []
     try:
-        result = preflight(flight, partial(imu_spec_of, flight))
+        result = preflight_of(flight)
     except DataError:
         return []
     body = paragraph(preflight_headline(result))
