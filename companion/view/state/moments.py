@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -58,11 +58,12 @@ class Moment:
     onset_s: float
     end_s: float
     strongest_s: float
+    is_slow: bool = False  # whether it does not show in what is played from before its onset
 
     @property
     def begins_s(self) -> float:
-        """From where it is played."""
-        return self.onset_s - BEFORE_S
+        """From where it is played: from before its onset on, of one that shows late up to its strongest instant."""
+        return max(self.onset_s - BEFORE_S, self.strongest_s - PLAYED_S if self.is_slow else -np.inf)
 
     def begins_at(self, anchors: Array) -> float:
         """The same, at the anchor that is made for it: the sample that follows."""
@@ -73,7 +74,7 @@ class Moment:
         """Where the page opens at it: where the error is largest of what is played."""
         curve = since_anchor(display, self.error)
         begin = self.begins_at(display.replay.anchors)
-        played = np.flatnonzero((curve.t >= self.onset_s) & (curve.t < begin + PLAYED_S))
+        played = np.flatnonzero((curve.t >= max(self.onset_s, begin)) & (curve.t < begin + PLAYED_S))
         return float(curve.t[played[np.argmax(curve.values[played])]]) if len(played) else begin
 
 
@@ -160,11 +161,21 @@ def cause_of(verdict: Verdict) -> Finding | None:
     return next((f for f in verdict.findings if f.undecided or f.severity == "error"), None)
 
 
+def _is_slow(moment: Moment, display: DisplayTrajectory) -> bool:
+    """Whether no window that ends in what is played from before the onset on is off by more than is allowed."""
+    curve = over_horizon(display, moment.error)
+    if curve is None:
+        return False
+    early = (curve.t >= moment.onset_s) & (curve.t < moment.begins_s + PLAYED_S) & np.isfinite(curve.sigmas)
+    return bool(early.any() and curve.sigmas[early].max() < 1.0)
+
+
 def decisive(display: DisplayTrajectory) -> Moment | None:
     """Where the page opens: at the headline's cause, without one at the worst window; None where nothing differs."""
     cause = cause_of(display.result.assessment.verdict) if display.result is not None else None
     if cause is not None and display.start <= cause.end_s and cause.start_s <= display.end:
-        return moment_of(cause, display)
+        moment = moment_of(cause, display)
+        return replace(moment, is_slow=_is_slow(moment, display))
     worst: tuple[float, Moment] | None = None
     for error in errors_in(display):
         curve = over_horizon(display, error)
