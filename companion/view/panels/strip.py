@@ -140,8 +140,8 @@ def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, mo
     rest = [spot(palette.SEVERITIES[s], severity_of(s)) for s in ("error", "warning", "info")
             if any(f.severity == s for f in shown.findings)]  # fmt: skip
     rest += [spot(palette.AXES[1], "armed", line)] if shown.armed else []
-    if moment is not None:  # without a cause it is where the error is largest, of which nothing is wrong
-        name = "selected" if any(f.severity == "error" for f in shown.findings) else "worst window, in σ"
+    if moment is not None:
+        name = "selected" if moment.of_finding else "worst window, in σ"
         rest.append(spot(palette.DIFFERENCE, name, "width:9px;height:9px;opacity:.4"))
     if curve is None:
         return f"<div>{''.join(rest)}</div>"

@@ -58,6 +58,7 @@ class Moment:
     onset_s: float
     end_s: float
     strongest_s: float
+    of_finding: bool = True  # else the window with the largest error, of which nothing need be wrong
     is_slow: bool = False  # whether it does not show in what is played from before its onset
 
     @property
@@ -184,13 +185,14 @@ def decisive(display: DisplayTrajectory) -> Moment | None:
         at = int(np.nanargmax(curve.sigmas))
         end = float(curve.t[at])
         if worst is None or curve.sigmas[at] > worst[0]:
-            worst = float(curve.sigmas[at]), Moment(error, end - (curve.horizon_s or 0.0), end, end)
+            worst = float(curve.sigmas[at]), Moment(error, end - (curve.horizon_s or 0.0), end, end, of_finding=False)
     if worst is not None:
         return worst[1]
     stretch = worst_stretch(display.replay)
     if stretch is None:
         return None
-    return Moment("position", max(stretch.start_s, stretch.end_s - _LAST_S), stretch.end_s, stretch.end_s)
+    onset = max(stretch.start_s, stretch.end_s - _LAST_S)
+    return Moment("position", onset, stretch.end_s, stretch.end_s, of_finding=False)
 
 
 def anchored_at_opening(
