@@ -71,8 +71,8 @@ class Ground:
     def give_way(self, drones: Sequence[Array], span: float) -> None:
         """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
         for lines, name in self._crosses:
-            update(name, visible=lines.visible and _free(name.position, drones, span))
-        update(self._north_name, visible=_free(self._north_name.position, drones, span))
+            update(name, visible=lines.visible and is_free(name.position, drones, span))
+        update(self._north_name, visible=is_free(self._north_name.position, drones, span))
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
@@ -111,6 +111,6 @@ class Ground:
             self._grid.section_size = 5 * cell
 
 
-def _free(place: Array, drones: Sequence[Array], span: float) -> bool:
-    """Whether a name can stand there that no drone, drawn `span` m wide, would cover."""
+def is_free(place: Array, drones: Sequence[Array], span: float) -> bool:
+    """Whether a name can stand there that no drone, drawn `span` m wide, nor its name would cover."""
     return all(float(np.linalg.norm(drone - place)) > 1.2 * span for drone in drones)

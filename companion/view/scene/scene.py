@@ -146,7 +146,9 @@ class Scene:
         """
         self.imu.resize(span, name_at=-NAME if imu_above else NAME)
         self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
-        self.ground.give_way([sample.position_imu, sample.position_ref], span)
+        drones = [sample.position_imu, sample.position_ref]
+        self.ground.give_way(drones, span)
+        self.overview.give_way([*drones, np.mean(drones, axis=0)], span)
         self.arrows.resize(span)
         self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
         for i, (body, _) in enumerate(self._imus[1:], 2):

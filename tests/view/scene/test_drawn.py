@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.strapdown import quaternion
-from companion.view import ReplayChoice
+from companion.view import ReplayChoice, worst_stretch
 from companion.view.scene.cameras import frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.ground import Ground
@@ -76,3 +76,16 @@ def test_a_stick_reaches_from_each_drone_straight_to_the_ground(share: float) ->
     for drone, place in ((AUTOPILOT, sample.position_ref), (IMU, sample.position_imu)):
         foot = drawn.nodes[drone].position + drawn.nodes[f"{drone}/stick"].points[0, 1]
         assert foot == pytest.approx([place[0], place[1], scene.ground.level], abs=0.02)
+
+
+def test_the_words_at_the_worst_place_are_gone_where_those_of_the_instant_stand() -> None:
+    """At the worst instant both would say how far apart the drones are, at the same place."""
+    drawn: Any = Drawn()
+    scene = Scene(drawn, drone_for("QUADROTOR"))
+    scene.load(DISPLAY, frame_of(DISPLAY), drone_for("QUADROTOR"))
+    worst = worst_stretch(DISPLAY.replay)
+    assert worst is not None
+    (words,) = (node for name, node in drawn.nodes.items() if name.endswith("/worst_name"))
+    for t, there in ((worst.end_s, False), (DISPLAY.start, True)):
+        scene.annotate(DISPLAY.at(t), 1.0, imu_above=True)
+        assert words.visible == there
