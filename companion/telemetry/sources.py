@@ -44,7 +44,7 @@ SI = {
     "mV": 1e-3,
     "A": 1.0,
     "cA": 1e-2,
-    "%": 1e-2,
+    "percent": 1e-2,  # where it is to be a share: "%" as logs state it stays as it is
 }
 """Unit of MAVLink's dialects, of DataFlash's UNIT records or of PX4's topics → factor."""
 
@@ -141,7 +141,7 @@ _GPS = (
     | _of("course_rad", "cog", "cdeg") | _of(_SIGMAS, "h_acc v_acc vel_acc", "mm")
 )  # fmt: skip
 _PRESSURE = _of("pressure_pa", "press_abs", "hPa") | _of("temperature_degc", "temperature", "cdegC")
-_CHARGE = _of("current_a", "current_battery", "cA") | _of("remaining", "battery_remaining", "%")
+_CHARGE = _of("current_a", "current_battery", "cA") | _of("remaining", "battery_remaining", "percent")
 _MATRIX = "covariance[{}]"
 
 # MAVLink common.xml: the upper triangle of a symmetric matrix row by row (6 x 6, 9 x 9), or all nine of a 3 x 3.
@@ -207,7 +207,7 @@ RECORD_SOURCES = (
     Source("OF", "flow", _of("x_radps y_radps body_x_radps body_y_radps", "flowX flowY bodyX bodyY", "rad/s")
            | _of("quality", "Qual")),
     Source("BAT", "battery", _of("voltage_v", "Volt", "V") | _of("current_a", "Curr", "A")
-           | _of("remaining", "RemPct", "%"), others=("BAT2",)),
+           | _of("remaining", "RemPct", "percent"), others=("BAT2",)),
     Source("CURR", "battery", _of("voltage_v", "Volt", "V") | _of("current_a", "Curr", "A"), others=("CUR2",)),
     Source("XKF4", "estimator", _of(_RATIOS, "SV SP SH SM SVT SS"), others=("NKF4", "EKF4")),
     Source("XKF3", "innovation", _of(_NED_MPS, "IVN IVE IVD", "m/s") | _of(_NED_M, "IPN IPE IPD", "m")
