@@ -186,7 +186,10 @@ def logs_in(folder: Path, minutes: list[float]) -> dict[str, Path]:
     def made(name: str, write: Callable[[Path], None]) -> None:
         logs[name] = folder / f"{name.replace(' ', '-')}.tlog"
         if not logs[name].exists():
-            write(logs[name])
+            part = logs[name].with_suffix(".part")
+            part.unlink(missing_ok=True)
+            write(part)
+            part.rename(logs[name])
 
     made("faulty 2 min", lambda out: write_piece(0, 120.0, out, faulty=True))
     for length in minutes:
