@@ -60,13 +60,19 @@ def cross(a: Array, b: Array) -> Array:
 
 def rotate(w: float | Array, v: Array, f: Array) -> Array:
     """C(q) f for q = (w, v) of any length: the rotation that q stands for is that of q / |q|."""
+    turn = change(w, v, f)
+    turn += f
+    return turn
+
+
+def change(w: float | Array, v: Array, f: Array) -> Array:
+    """C(q) f - f of the same."""
     turn = cross(v, f)
     turn += times(w, f)
     turn = cross(v, turn)
     scale = dot(v, v)
     scale += times(w, w) if isinstance(w, np.ndarray) else w * w
     turn *= np.divide(2.0, scale, out=scale)
-    turn += f
     return turn
 
 

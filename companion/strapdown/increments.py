@@ -65,19 +65,19 @@ def _rk4(signal: Signal, begin: float, end: float) -> Moved:
     """RK4 of attitude, velocity and position, in one step that starts from the identity (docs/mathematics.md).
 
     The accelerations a0, a1, a2, a3 use the same intermediate q1, q2, q3 as the attitude; those are not of unit length,
-    `rotate` takes the rotation they stand for. Position: its slopes k are those of the velocity equation, so with
+    `change` takes the rotation they stand for. Position: its slopes k are those of the velocity equation, so with
     b = a1 + a2, dv = h/6 (a3 + b + a0 + b) and dp = h²/6 (a0 + b) (docs/mathematics.md).
     """
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
-    dq, (w, v) = rk4_attitude(h, x0[:3], xm[:3], x1[:3])
-    f = rows.empty(*v.shape)
-    f[:, 0], f[:, 1:] = x1[3:], xm[3:, None]
-    f = rows.rotate(w, v, f)
-    moves, sixth = f[:, :2], rows.times(1.0 / 6.0, h)
-    dv, dp = f[:, 0], f[:, 1]
-    dp += f[:, 2]
-    dv += dp
+    dq, (q1, q2, q3) = rk4_attitude(h, x0[:3], xm[:3], x1[:3])
+    moves, sixth = rows.empty(3, 2, len(h)), rows.times(1.0 / 6.0, h)
+    dv, dp = moves[:, 0], moves[:, 1]
+    np.add(xm[3:], xm[3:], out=dp)
+    dp += rows.change(*q1, xm[3:])
+    dp += rows.change(*q2, xm[3:])
+    np.add(x1[3:], dp, out=dv)
+    dv += rows.change(*q3, x1[3:])
     dp += x0[3:]
     dv += dp
     dv *= sixth
@@ -85,8 +85,10 @@ def _rk4(signal: Signal, begin: float, end: float) -> Moved:
     return dq, moves
 
 
-def rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Array, Array]]:
-    """dq (4, n), not normalised, and the intermediate q3, q1, q2 up to their length: scalars (3, n), vectors (3, 3, n).
+def rk4_attitude(
+    h: Array, w0: Array, wm: Array, w1: Array
+) -> tuple[Array, tuple[tuple[float, Array], tuple[Array, Array], tuple[Array, Array]]]:
+    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length: scalar and vector (3, n) of each.
 
     With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of the step are
     hk1 = [0, 2a], hk2 = q1 ⊗ [0, m], hk3 = q2 ⊗ [0, m], hk4 = q3 ⊗ [0, b], and with s = a·m, μ = m·m/2, since m x m = 0
@@ -95,17 +97,17 @@ def rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tupl
     q3 = [1 - μ, e], hk4 = [-e·b, (1 - μ) b + e x b].
     Written in place: a new array a term would take as long as its numbers.
     """
-    w, v, dq = rows.empty(3, len(h)), rows.empty(3, 3, len(h)), rows.empty(4, len(h))
-    e, a, k2, half = v[:, 0], v[:, 1], v[:, 2], rows.times(0.5, h)
+    half = rows.times(0.5, h)
     m, b = rows.times(half, wm), rows.times(half, w1)
-    np.multiply(np.multiply(0.5, half, out=half), w0, out=a)
+    a = rows.times(np.multiply(0.5, half, out=half), w0)
     s, mu = rows.dot(a, m), rows.dot(m, m)
     mu *= 0.5
-    np.add(m, rows.cross(a, m), out=k2)
-    np.subtract(m, rows.times(mu, a), out=e)
-    np.subtract(1.0, mu, out=w[0])
-    w[1] = 1.0
-    np.subtract(2.0, s, out=w[2])
+    k2, e = rows.cross(a, m), rows.times(mu, a)
+    k2 += m
+    np.subtract(m, e, out=e)
+    w2, w3, dq = rows.empty(len(h)), rows.empty(len(h)), rows.empty(4, len(h))
+    np.subtract(2.0, s, out=w2)
+    np.subtract(1.0, mu, out=w3)
     s += mu
     s *= 2.0
     s += rows.dot(e, b)
@@ -115,10 +117,10 @@ def rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tupl
     turn += e
     turn *= 2.0
     turn += rows.cross(e, b)
-    b *= w[0]
+    b *= w3
     turn += b
     turn *= 1.0 / 6.0
-    return dq, (w, v)
+    return dq, ((1.0, a), (w2, k2), (w3, e))
 
 
 def one_and(vector: Array) -> Array:
