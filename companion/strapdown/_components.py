@@ -24,12 +24,19 @@ _LINE = 8
 """Doubles in a line of the cache, and in the widest register."""
 
 
+_FEW = 64
+"""Numbers that are not worth a line of the cache, and quaternions that are multiplied one by one: a call of NumPy takes
+as long as two products of Python's numbers."""
+
+
 def empty(*shape: int) -> Array:
     """An array that begins at a line of the cache, as NumPy's own do by chance alone.
 
     A store across two lines takes twice as long, and of 8 doubles at a time all are or none: kernels write here.
     """
     size = math.prod(shape)
+    if size < _FEW:  # of a live stream: to find the line takes longer than what it spares
+        return np.empty(shape)
     room = np.empty(size + _LINE)
     begin = -(addressof(c_char.from_buffer(room)) // room.itemsize) % _LINE  # a quarter of the time of room.ctypes
     return room[begin : begin + size].reshape(shape)
@@ -123,10 +130,6 @@ def matrix(q: Array) -> Array:
 
 
 Complex = npt.NDArray[np.complex128]
-
-
-_FEW = 64
-"""Quaternions that are multiplied one by one: a call of NumPy takes as long as two products of Python's numbers."""
 
 
 def running_product(start: Array, q: Array) -> Array:
