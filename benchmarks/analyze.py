@@ -21,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, FrameType
@@ -74,7 +73,7 @@ class StageClock:
     """Counts the CPU time of this process by stage while it is entered."""
 
     def __init__(self) -> None:
-        self.cpu: Counter[str] = Counter()
+        self.cpu: dict[str, float] = {}
         self.peak: dict[str, float] = {}
         self._names = [*STAGES, "present"]  # what is of none is the command line's: libraries that print
         self._ranks: dict[CodeType, int] = {}
@@ -96,7 +95,7 @@ class StageClock:
             rank = min(rank, self._rank(frame.f_code))
             frame = frame.f_back
         stage = self._names[rank]
-        self.cpu[stage] += now - self._last
+        self.cpu[stage] = self.cpu.get(stage, 0.0) + now - self._last
         self.peak[stage] = max(self.peak.get(stage, 0.0), resident_mb())
         self._last = now
 
@@ -129,7 +128,7 @@ def measure(path: Path) -> Measured:
     (examined,) = seen
     assessment = examined.assessment
     samples = len(assessment.comparison.track)
-    return Measured(dict(clock.cpu), clock.peak, imported, samples, assessment.verdict.status)
+    return Measured(clock.cpu, clock.peak, imported, samples, assessment.verdict.status)
 
 
 def in_a_process(path: Path, repeats: int) -> Measured:

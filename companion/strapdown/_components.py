@@ -38,21 +38,24 @@ def empty(*shape: int) -> Array:
     if size < _FEW:  # of a live stream: to find the line takes longer than what it spares
         return np.empty(shape)
     room = np.empty(size + _LINE)
-    begin = -(addressof(c_char.from_buffer(room)) // room.itemsize) % _LINE  # a quarter of the time of room.ctypes
+    begin = -(addressof(c_char.from_buffer(room.data)) // room.itemsize) % _LINE  # a quarter of the time of room.ctypes
     return room[begin : begin + size].reshape(shape)
 
 
 def times(a: float | Array, b: Array) -> Array:
     """a b, in the shape of b."""
-    return np.multiply(a, b, out=empty(*b.shape))
+    out = empty(*b.shape)
+    np.multiply(a, b, out=out)
+    return out
 
 
 def dot(a: Array, b: Array) -> Array:
     """a · b, (n,)."""
     terms = times(a, b)
-    terms[0] += terms[1]
-    terms[0] += terms[2]
-    return terms[0]
+    total: Array = terms[0]
+    total += terms[1]
+    total += terms[2]
+    return total
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -113,10 +116,11 @@ def unit_again(q: Array) -> Array:
 def _square(q: Array) -> Array:
     """|q|² of (4, n)."""
     terms = times(q, q)
-    terms[0] += terms[1]
-    terms[2] += terms[3]
-    terms[0] += terms[2]
-    return terms[0]
+    total: Array = terms[0]
+    total += terms[1]
+    total += terms[2]
+    total += terms[3]
+    return total
 
 
 def matrix(q: Array) -> Array:

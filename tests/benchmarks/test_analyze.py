@@ -26,7 +26,8 @@ def test_every_stage_is_of_files_that_exist() -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 def test_all_time_and_memory_of_an_analysis_are_of_some_stage() -> None:
-    command = [sys.executable, ROOT / "benchmarks" / "analyze.py", "--measure", BUNDLED / "copter-demo-100hz.tlog"]
+    script, log = ROOT / "benchmarks" / "analyze.py", BUNDLED / "copter-demo-100hz.tlog"
+    command = [sys.executable, str(script), "--measure", str(log)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
     found = msgspec.json.decode(printed, type=Measured)
