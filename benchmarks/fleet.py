@@ -75,9 +75,9 @@ def fleet(logs: Path, out: Path, workers: int, *, kill_one_at: int = 0, end_at: 
 
 
 def _workers(pid: int) -> list[psutil.Process]:
+    """Processes that the fork server has made."""
     try:
-        below = psutil.Process(pid).children(recursive=True)
-        return [child for child in below if "spawn_main" in " ".join(child.cmdline())]
+        return [worker for child in psutil.Process(pid).children() for worker in child.children()]
     except psutil.NoSuchProcess:
         return []
 
