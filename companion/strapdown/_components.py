@@ -13,7 +13,6 @@ the matrix [[α', β'], [-β'*, α'*]]: two calls of NumPy a step instead of the
 from __future__ import annotations
 
 import math
-from ctypes import addressof, c_char
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,6 @@ from companion.model import Array
 
 _LINE = 8
 """Doubles in a line of the cache, and in the widest register."""
-
 
 _FEW = 64
 """Numbers that are not worth a line of the cache, and quaternions that are multiplied one by one: a call of NumPy takes
@@ -38,7 +36,7 @@ def empty(*shape: int) -> Array:
     if size < _FEW:  # of a live stream: to find the line takes longer than what it spares
         return np.empty(shape)
     room = np.empty(size + _LINE)
-    begin = -(addressof(c_char.from_buffer(room.data)) // room.itemsize) % _LINE  # a quarter of the time of room.ctypes
+    begin = -(room.__array_interface__["data"][0] // room.itemsize) % _LINE
     return room[begin : begin + size].reshape(shape)
 
 
