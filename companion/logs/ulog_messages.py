@@ -90,7 +90,7 @@ class Formats:
         for kind, count, field in self._unpadded(name):
             if (kind, count, field) == ("uint64_t", 0, _STAMP):
                 stamp = shortest
-            shortest += self._size(kind, 0) * max(count, 1)
+            shortest += self._bytes[kind] * max(count, 1)
         return TopicLayout(name, shortest, longest, stamp)
 
     def dtype(self, name: str) -> np.dtype[Any] | None:
@@ -124,7 +124,7 @@ class Formats:
         for kind, count, _ in self._fields[name]:
             if total > MOST_BYTES:
                 break
-            size = self._size(kind, depth + 1)
+            size = self._bytes.get(kind) or self._size(kind, depth + 1)
             if size == 0:
                 return 0
             total += size * max(count, 1)

@@ -78,8 +78,9 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
         values = np.full((self.count, len(fields)), np.nan)
         with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
             for i, field in enumerate(fields):
-                if field in self:
-                    values[:, i] = self[field]
+                column = self.get(field)
+                if column is not None:
+                    values[:, i] = column
         values[~np.isfinite(values)] = np.nan
         return values
 

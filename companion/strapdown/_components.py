@@ -12,33 +12,75 @@ the matrix [[α', β'], [-β'*, α'*]]: two calls of NumPy a step instead of the
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array
 
+_LINE = 8
+"""Doubles in a line of the cache, and in the widest register."""
+
+_FEW = 64
+"""Numbers that are not worth a line of the cache, and quaternions that are multiplied one by one: a call of NumPy takes
+as long as two products of Python's numbers."""
+
+
+def empty(*shape: int) -> Array:
+    """An array that begins at a line of the cache, as NumPy's own do by chance alone.
+
+    A store across two lines takes twice as long, and of 8 doubles at a time all are or none: kernels write here.
+    """
+    size = math.prod(shape)
+    if size < _FEW:  # of a live stream: to find the line takes longer than what it spares
+        return np.empty(shape)
+    room = np.empty(size + _LINE)
+    begin = -(room.__array_interface__["data"][0] // room.itemsize) % _LINE
+    return room[begin : begin + size].reshape(shape)
+
+
+def times(a: float | Array, b: Array) -> Array:
+    """a b, in the shape of b."""
+    out = empty(*b.shape)
+    np.multiply(a, b, out=out)
+    return out
+
 
 def dot(a: Array, b: Array) -> Array:
     """a · b, (n,)."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    terms = times(a, b)
+    total: Array = terms[0]
+    total += terms[1]
+    total += terms[2]
+    return total
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a x b, (3, n)."""
-    out = np.empty_like(b)
-    np.subtract(a[1] * b[2], a[2] * b[1], out=out[0])
-    np.subtract(a[2] * b[0], a[0] * b[2], out=out[1])
-    np.subtract(a[0] * b[1], a[1] * b[0], out=out[2])
+    """a x b, in the shape of b, (3, n)."""
+    out, less = empty(*b.shape), empty(*b.shape[1:])
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        np.multiply(a[k], b[j], out=less)
+        out[i] -= less
     return out
 
 
 def rotate(w: float | Array, v: Array, f: Array) -> Array:
     """C(q) f for q = (w, v) of any length: the rotation that q stands for is that of q / |q|."""
-    turn = cross(v, f)
-    turn += w * f
-    turn = cross(v, turn)
-    turn *= 2.0 / (w * w + dot(v, v))
+    turn = change(w, v, f)
     turn += f
+    return turn
+
+
+def change(w: float | Array, v: Array, f: Array) -> Array:
+    """C(q) f - f of the same."""
+    turn = cross(v, f)
+    turn += times(w, f)
+    turn = cross(v, turn)
+    scale = dot(v, v)
+    scale += times(w, w) if isinstance(w, np.ndarray) else w * w
+    turn *= np.divide(2.0, scale, out=scale)
     return turn
 
 
@@ -56,8 +98,27 @@ def product(a: Array, b: Array) -> Array:
 
 def unit(q: Array) -> Array:
     """q / |q| on (4, n), with w >= 0: the same rotation, and running products keep a continuous sign."""
-    scale = np.copysign(1.0 / np.sqrt(q[0] * q[0] + dot(q[1:], q[1:])), q[0])
-    return np.asarray(q * scale)
+    scale = _square(q)
+    np.divide(1.0, np.sqrt(scale, out=scale), out=scale)
+    return times(np.copysign(scale, q[0], out=scale), q)
+
+
+def unit_again(q: Array) -> Array:
+    """q / |q| where rounding alone has moved |q| from one: 1 / |q| is a step of Newton's from there."""
+    scale = _square(q)
+    scale *= -0.5
+    scale += 1.5
+    return times(scale, q)
+
+
+def _square(q: Array) -> Array:
+    """|q|² of (4, n)."""
+    terms = times(q, q)
+    total: Array = terms[0]
+    total += terms[1]
+    total += terms[2]
+    total += terms[3]
+    return total
 
 
 def matrix(q: Array) -> Array:
@@ -73,40 +134,58 @@ def matrix(q: Array) -> Array:
 Complex = npt.NDArray[np.complex128]
 
 
-def running_product(q: Array) -> Array:
-    """q_0, q_0 ⊗ q_1, q_0 ⊗ q_1 ⊗ q_2, ...: component-first, (4, n) to (4, n)."""
-    pairs = np.empty((2, q.shape[1]), dtype=np.complex128)
-    pairs.real, pairs.imag = q[0::2], q[1::2]
-    pairs = _scan(pairs)
-    out = np.empty_like(q)
-    out[0::2], out[1::2] = pairs.real, pairs.imag
-    return out
-
-
-def _scan(q: Complex) -> Complex:
-    """The running product of pairs (2, n)."""
+def running_product(start: Array, q: Array) -> Array:
+    """start ⊗ q_0, start ⊗ q_0 ⊗ q_1, ...: component-first, (4,) and (4, n) to (4, n)."""
     n = q.shape[1]
-    # A position in the block costs two calls, another block only its share of them: short blocks, many of them.
-    length = n if n <= 24 else max(16, int(np.sqrt(n) / 3))
+    if n <= _FEW:
+        return _one_by_one(start, q)
+    # A position in the block costs two calls, another block only its share of them: short blocks, many of them; of a
+    # whole chunk (2^13) as many as fill lines of the cache.
+    length = max(16, 1 << round(np.log2(n) / 2 - 1.5))
     blocks = -(-n // length)
-    padded = np.zeros((2, blocks * length), dtype=np.complex128)  # what pads the last block reaches no other
-    padded[:, :n] = q
-    alpha, beta = padded.reshape(2, blocks, length).transpose(0, 2, 1)
-    factor = np.empty((length, 2, 2, blocks), dtype=np.complex128)
-    factor[:, 0, 0], factor[:, 0, 1] = alpha, beta
-    np.negative(factor[:, 0, 1].conj(), out=factor[:, 1, 0])
+    if n < blocks * length:
+        q = np.concatenate((q, np.zeros((4, blocks * length - n))), axis=1)  # what pads the last block reaches no other
+    w, x, y, z = q.reshape(4, blocks, length).transpose(0, 2, 1)
+    factor, inner, terms = _complex(length, 2, 2, blocks), _complex(length, 2, blocks), _complex(2, 2, blocks)
+    _set(factor[:, 0, 0], w, x)
+    _set(factor[:, 0, 1], y, z)
+    np.negative(np.conjugate(factor[:, 0, 1], out=factor[:, 1, 0]), out=factor[:, 1, 0])
     np.conjugate(factor[:, 0, 0], out=factor[:, 1, 1])
-
-    inner = np.empty((length, 2, blocks), dtype=np.complex128)
     inner[0] = factor[0, 0]
-    terms = np.empty((2, 2, blocks), dtype=np.complex128)
     for i in range(1, length):
         np.multiply(inner[i - 1][:, None], factor[i], out=terms)
         np.add(terms[0], terms[1], out=inner[i])
-    if blocks > 1:
-        alpha, beta = _scan(inner[-1, :, :-1])
-        own, other = inner[:, 0, 1:], inner[:, 1, 1:]
-        turned = alpha * own - beta * other.conj()
-        np.add(alpha * other, beta * own.conj(), out=other)
-        own[...] = turned
-    return inner.transpose(1, 2, 0).reshape(2, -1)[:, :n]
+
+    before = np.empty((4, blocks))  # the product of all before each block
+    (w, y), (x, z) = inner[-1, :, :-1].real, inner[-1, :, :-1].imag
+    before[:, 0], before[:, 1:] = start, unit_again(running_product(start, np.stack((w, x, y, z))))
+    pair = _complex(2, blocks)
+    _set(pair, before[0::2], before[1::2])
+    other = np.conjugate(inner, out=_complex(length, 2, blocks))
+    other *= pair[1]
+    inner *= pair[0]
+    inner[:, 0] -= other[:, 1]
+    inner[:, 1] += other[:, 0]
+    out = empty(4, blocks, length)
+    out[0::2], out[1::2] = inner.real.transpose(1, 2, 0), inner.imag.transpose(1, 2, 0)
+    return out.reshape(4, -1)[:, :n]
+
+
+def _one_by_one(start: Array, q: Array) -> Array:
+    w, x, y, z = start.tolist()
+    a, b = complex(w, x), complex(y, z)
+    out = []
+    for w, x, y, z in q.T.tolist():
+        c, d = complex(w, x), complex(y, z)
+        a, b = a * c - b * d.conjugate(), a * d + b * c.conjugate()
+        out.append((a.real, a.imag, b.real, b.imag))
+    return np.array(out).reshape(-1, 4).T
+
+
+def _complex(*shape: int) -> Complex:
+    """As `empty`."""
+    return empty(*shape[:-1], 2 * shape[-1]).view(np.complex128)
+
+
+def _set(out: Complex, real: Array, imag: Array) -> None:
+    out.real, out.imag = real, imag

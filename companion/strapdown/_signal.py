@@ -49,13 +49,17 @@ class Signal:
         """The signal (6, n) at a fraction 0..1 of each interval; a number or one per interval."""
         if isinstance(fraction, float) and fraction in (0.0, 1.0):
             return self.end if fraction else self.start
-        line = self.start + fraction * (self.end - self.start)
+        line = np.subtract(self.end, self.start, out=rows.empty(*self.start.shape))
+        line *= fraction
+        line += self.start
         if self.before is None or self.after is None or self.bend0 is None or self.bend1 is None:
-            return np.asarray(line)
+            return line
         h = self.dt
         scale = fraction * (1.0 - fraction) * h * h / (self.before + h + self.after)
         weight0, weight1 = scale * ((1.0 - fraction) * h + self.after), scale * (fraction * h + self.before)
-        return np.asarray(line - (weight0 * self.bend0 + weight1 * self.bend1))
+        line -= rows.times(weight0, self.bend0)
+        line -= rows.times(weight1, self.bend1)
+        return line
 
 
 def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
@@ -72,8 +76,10 @@ def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
     if last == len(imu) - 1:
         t, x = _continued(imu, t, x, slice(-4, None), at_start=False)
     h = t[1:] - t[:-1]
-    slope = (x[:, 1:] - x[:, :-1]) / h
-    bend = (slope[:, 1:] - slope[:, :-1]) / (h[:-1] + h[1:])
+    slope = np.subtract(x[:, 1:], x[:, :-1], out=rows.empty(6, len(h)))
+    slope /= h
+    bend = np.subtract(slope[:, 1:], slope[:, :-1], out=rows.empty(6, len(h) - 1))
+    bend /= h[:-1] + h[1:]
     bend0, bend1 = bend[:, :-1], bend[:, 1:]
     if h.max() > UNEVEN * h.min():
         even = ~uneven(h)[1:-1]
@@ -91,7 +97,7 @@ def uneven(dt: Array) -> npt.NDArray[np.bool_]:
 
 def _rows(imu: ImuTrack, part: slice) -> Array:
     """The samples of a part of the track, component-first (6, n) and contiguous: views would be strided."""
-    x = np.empty((6, len(imu.t[part])))
+    x = rows.empty(6, len(imu.t[part]))
     x[:3], x[3:] = imu.gyro[part].T, imu.accel[part].T
     return x
 

@@ -181,22 +181,25 @@ def run(
     n = last - first + 1
     q, v, p = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     q[0], v[0], p[0] = start.q_ned_frd, start.velocity, start.position
-    for interval, h, (dq, dv, dp) in chunks(imu, first, last, scheme):
-        i = interval - first
-        part = slice(i + 1, i + 1 + len(h))
-        attitude = running_product(np.concatenate((q[i][:, None], dq), axis=1))
-        attitude /= np.sqrt((attitude * attitude).sum(axis=0))
+    for interval, h, (dq, moves) in chunks(imu, first, last, scheme):
+        i, m = interval - first, len(h)
+        part = slice(i + 1, i + 1 + m)
+        attitude, velocity = rows.empty(4, m + 1), rows.empty(3, m + 1)
+        attitude[:, 0], velocity[:, 0] = q[i], v[i]
+        attitude[:, 1:] = running_product(q[i], dq)
         q[part] = attitude[:, 1:].T
-        moved = np.empty((3, 2, len(h)))
-        moved[:, 0], moved[:, 1] = dv, dp
-        moved = rows.rotate(attitude[0, :-1], attitude[1:, None, :-1], moved)
-        moved[2, 0] += gravity * h
-        moved[2, 1] += 0.5 * gravity * h * h
-        moved[:, 0].T.cumsum(axis=0, out=v[part])
-        v[part] += v[i]
-        moved[:, 1] += h * v[i : i + len(h)].T
-        moved[:, 1].T.cumsum(axis=0, out=p[part])
-        p[part] += p[i]
+        moved = rows.rotate(attitude[0, :-1], attitude[1:, None, :-1], moves)
+        down = gravity * h
+        moved[2, 0] += down
+        down *= 0.5 * h
+        moved[2, 1] += down
+        np.cumsum(moved[:, 0], axis=1, out=velocity[:, 1:])
+        velocity[:, 1:] += v[i][:, None]
+        v[part] = velocity[:, 1:].T
+        moved[:, 1] += rows.times(h, velocity[:, :-1])
+        moved[:, 1].cumsum(axis=1, out=moved[:, 1])
+        moved[:, 1] += p[i][:, None]
+        p[part] = moved[:, 1].T
     return q, v, p
 
 

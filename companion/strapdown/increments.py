@@ -24,8 +24,11 @@ from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown._signal import MIDDLES, UNEVEN, Signal, joined, pieces, signal_of, uneven
 
-Step = Callable[[Signal, float, float], tuple[Array, Array, Array]]
-"""(signal of n intervals, begin, end as fractions of them) → dq (4, n) not normalised, dv (3, n), dp (3, n)."""
+Moved = tuple[Array, Array]
+"""dq (4, n), and dv and dp side by side, (3, 2, n): both are turned by the same attitudes."""
+
+Step = Callable[[Signal, float, float], Moved]
+"""(signal of n intervals, begin, end as fractions of them) → what they add, dq not normalised."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,63 +41,86 @@ class Method:
     step: Step
 
 
-def _euler(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+def _euler(signal: Signal, begin: float, end: float) -> Moved:
     """Euler: everything as at the start of the interval."""
     h = (end - begin) * signal.dt
     x = signal.at(begin)
-    dv = h * x[3:]
-    return one_and(0.5 * h * x[:3]), dv, 0.5 * h * dv
+    return one_and(0.5 * h * x[:3]), _uniform(h, h * x[3:])
 
 
-def _midpoint(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+def _uniform(h: Array, dv: Array) -> Array:
+    """dv beside the dp of an acceleration that is the same all the while."""
+    return np.stack((dv, 0.5 * h * dv), axis=1)
+
+
+def _midpoint(signal: Signal, begin: float, end: float) -> Moved:
     """Midpoint: the mean rate turns; the mean of both specific forces, each in its own attitude, accelerates."""
     h = (end - begin) * signal.dt
     x0, x1 = signal.at(begin), signal.at(end)
     dq = one_and(0.25 * h * (x0[:3] + x1[:3]))
-    dv = 0.5 * h * (x0[3:] + rows.rotate(dq[0], dq[1:], x1[3:]))
-    return dq, dv, 0.5 * h * dv
+    return dq, _uniform(h, 0.5 * h * (x0[3:] + rows.rotate(dq[0], dq[1:], x1[3:])))
 
 
-def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+def _rk4(signal: Signal, begin: float, end: float) -> Moved:
     """RK4 of attitude, velocity and position, in one step that starts from the identity (docs/mathematics.md).
 
-    The accelerations use the same intermediate q1, q2, q3 as the attitude; those are not of unit length, `rotate` takes
-    the rotation they stand for. Position: its slopes k are those of the velocity equation, so
-    dp = h²/6 (a0 + a1 + a2) (docs/mathematics.md).
+    The accelerations a0, a1, a2, a3 use the same intermediate q1, q2, q3 as the attitude; those are not of unit length,
+    `change` takes the rotation they stand for. Position: its slopes k are those of the velocity equation, so with
+    b = a1 + a2, dv = h/6 (a3 + b + a0 + b) and dp = h²/6 (a0 + b) (docs/mathematics.md).
     """
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
-    dq, (w, v) = rk4_attitude(h, x0[:3], xm[:3], x1[:3])
-    f = np.empty_like(v)
-    f[:, :2], f[:, 2] = xm[3:, None], x1[3:]
-    f = rows.rotate(w, v, f)
-    f0, middle = x0[3:], f[:, 0] + f[:, 1]
-    dv = (h / 6.0) * (f0 + 2.0 * middle + f[:, 2])
-    dp = (h * h / 6.0) * (f0 + middle)
-    return dq, dv, dp
+    dq, (q1, q2, q3) = rk4_attitude(h, x0[:3], xm[:3], x1[:3])
+    moves, sixth = rows.empty(3, 2, len(h)), rows.times(1.0 / 6.0, h)
+    dv, dp = moves[:, 0], moves[:, 1]
+    np.add(xm[3:], xm[3:], out=dp)
+    dp += rows.change(*q1, xm[3:])
+    dp += rows.change(*q2, xm[3:])
+    np.add(x1[3:], dp, out=dv)
+    dv += rows.change(*q3, x1[3:])
+    dp += x0[3:]
+    dv += dp
+    dv *= sixth
+    dp *= np.multiply(sixth, h, out=sixth)
+    return dq, moves
 
 
-def rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Array, Array]]:
-    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length: scalars (3, n), vectors (3, 3, n).
+def rk4_attitude(
+    h: Array, w0: Array, wm: Array, w1: Array
+) -> tuple[Array, tuple[tuple[float, Array], tuple[Array, Array], tuple[Array, Array]]]:
+    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length: scalar and vector (3, n) of each.
 
     With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of the step are
     hk1 = [0, 2a], hk2 = q1 ⊗ [0, m], hk3 = q2 ⊗ [0, m], hk4 = q3 ⊗ [0, b], and with s = a·m, μ = m·m/2, since m x m = 0
     and (a x m) x m = s m - 2μ a:
     q1 = [1, a], hk2 = [-s, m + a x m]; 2 q2 = [2 - s, m + a x m], hk3 = [-μ, e] with e = m - μ a;
     q3 = [1 - μ, e], hk4 = [-e·b, (1 - μ) b + e x b].
+    Written in place: a new array a term would take as long as its numbers.
     """
-    quarter, half = 0.25 * h, 0.5 * h
-    a, m, b = quarter * w0, half * wm, half * w1
-    s, mu = rows.dot(a, m), 0.5 * rows.dot(m, m)
-    k2 = m + rows.cross(a, m)
-    e = m - mu * a
-    w, v = np.empty((3, len(h))), np.empty((3, 3, len(h)))
-    w[0], w[1], w[2] = 1.0, 2.0 - s, 1.0 - mu
-    v[:, 0], v[:, 1], v[:, 2] = a, k2, e
-    dq = np.empty((4, len(h)))
-    dq[0] = 1.0 - (2.0 * (s + mu) + rows.dot(e, b)) / 6.0
-    dq[1:] = (2.0 * (a + k2 + e) + w[2] * b + rows.cross(e, b)) / 6.0
-    return dq, (w, v)
+    half = rows.times(0.5, h)
+    m, b = rows.times(half, wm), rows.times(half, w1)
+    a = rows.times(np.multiply(0.5, half, out=half), w0)
+    s, mu = rows.dot(a, m), rows.dot(m, m)
+    mu *= 0.5
+    k2, e = rows.cross(a, m), rows.times(mu, a)
+    k2 += m
+    np.subtract(m, e, out=e)
+    w2, w3, dq = rows.empty(len(h)), rows.empty(len(h)), rows.empty(4, len(h))
+    np.subtract(2.0, s, out=w2)
+    np.subtract(1.0, mu, out=w3)
+    s += mu
+    s *= 2.0
+    s += rows.dot(e, b)
+    s *= -1.0 / 6.0
+    np.add(1.0, s, out=dq[0])
+    turn = np.add(a, k2, out=dq[1:])
+    turn += e
+    turn *= 2.0
+    turn += rows.cross(e, b)
+    b *= w3
+    turn += b
+    turn *= 1.0 / 6.0
+    return dq, ((1.0, a), (w2, k2), (w3, e))
 
 
 def one_and(vector: Array) -> Array:
@@ -141,7 +167,7 @@ class Scheme:
                 f"more than {UNEVEN:g} times as long as a neighbour: {int(uneven(dt).sum())} of {len(dt)} intervals "
                 "(a gap, or a burst of samples); linearly interpolated there"
             )
-        if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
+        if max(imu.gyro.max(), -imu.gyro.min()) * longest > np.pi / np.sqrt(3.0):
             rate = np.linalg.norm(imu.gyro, axis=1)
             fast = int((np.maximum(rate[:-1], rate[1:]) * dt > np.pi).sum())
             if fast:
@@ -204,9 +230,9 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
     require_samples(imu)
     n = len(imu) - 1
     dq, dv, dp = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
-    for first, _, (q, v, p) in chunks(imu, 0, n, scheme):
+    for first, _, (q, moves) in chunks(imu, 0, n, scheme):
         part = slice(first, first + q.shape[1])
-        dq[part], dv[part], dp[part] = q.T, v.T, p.T
+        dq[part], dv[part], dp[part] = q.T, moves[:, 0].T, moves[:, 1].T
     return Increments(np.diff(imu.t), dq, dv, dp, scheme.notes_on(imu))
 
 
@@ -233,10 +259,8 @@ def dense_attitude(
     return quaternion.multiply(q_ned_frd[:-1, None], np.stack(turned, axis=1))
 
 
-def chunks(
-    imu: ImuTrack, start: int, stop: int, scheme: Scheme
-) -> Iterator[tuple[int, Array, tuple[Array, Array, Array]]]:
-    """(first interval, dt (n,), (dq (4, n), dv (3, n), dp (3, n))) of cache-sized runs of the intervals start..stop-1.
+def chunks(imu: ImuTrack, start: int, stop: int, scheme: Scheme) -> Iterator[tuple[int, Array, Moved]]:
+    """(first interval, dt (n,), what they add) of cache-sized runs of the intervals start..stop-1.
 
     Component-first, for `dead_reckon`. Samples before and after a run still shape the cubic at its ends, so the cutting
     does not change the numbers.
@@ -244,47 +268,46 @@ def chunks(
     middle = scheme.middle if scheme.looks_ahead else "linear"  # the same numbers where nothing looks inside
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
-        join = joined(imu, first, last) & scheme.looks_ahead
+        join = joined(imu, first, last) if scheme.looks_ahead and imu.interval is not None else np.False_
         if join.all():
-            dq, dv, dp = _of_means(imu, first, last, scheme)
+            dq, moves = _of_means(imu, first, last, scheme)
         else:
-            dq, dv, dp = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
-        if join.any() and not join.all():
-            q, v, p = _of_means(imu, first, last, scheme)
-            dq, dv, dp = np.where(join, q, dq), np.where(join, v, dv), np.where(join, p, dp)
-        yield first, imu.t[first + 1 : last + 1] - imu.t[first:last], (dq, dv, dp)
+            dq, moves = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
+            if join.any():
+                q, of_means = _of_means(imu, first, last, scheme)
+                dq, moves = np.where(join, q, dq), np.where(join, of_means, moves)
+        yield first, imu.t[first + 1 : last + 1] - imu.t[first:last], (dq, moves)
 
 
-def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> tuple[Array, Array, Array]:
-    """(dq, dv, dp), component-first, between samples that are means over joining intervals."""
+def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> Moved:
+    """What is added between samples that are means over joining intervals."""
     way = pieces(imu, first, last)
-    before, before_v, before_p = _increments(way.beginning, scheme.method, scheme.segments)
-    _, v, p = _increments(way.rest, scheme.method, scheme.segments)
+    before, before_moves = _increments(way.beginning, scheme.method, scheme.segments)
+    _, moves = _increments(way.rest, scheme.method, scheme.segments)
     back = before[:, :-1] * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
-    q = rows.product(back, quaternion.exp(way.turn.T).T)
+    own = rows.product(back, quaternion.exp(way.turn.T).T), moves
     if way.gap is not None:
-        q, v, p = _then((q, v, p), way.gap.dt, _increments(way.gap, scheme.method, scheme.segments))
-    q, v, p = _then((q, v, p), way.beginning.dt[1:], (before[:, 1:], before_v[:, 1:], before_p[:, 1:]))
-    return rows.unit(q), v, p
+        own = _then(own, way.gap.dt, _increments(way.gap, scheme.method, scheme.segments))
+    q, moves = _then(own, way.beginning.dt[1:], (before[:, 1:], before_moves[..., 1:]))
+    return rows.unit(q), moves
 
 
-def _then(one: tuple[Array, Array, Array], dt: Array, other: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+def _then(one: Moved, dt: Array, other: Moved) -> Moved:
     """Increments followed by others that take dt (n,) s."""
-    (q, v, p), (dq, dv, dp) = one, other
-    return rows.product(q, dq), v + rows.rotate(q[0], q[1:], dv), p + dt * v + rows.rotate(q[0], q[1:], dp)
+    (q, moves), (dq, further) = one, other
+    further = rows.rotate(q[0], q[1:, None], further)
+    further += moves
+    further[:, 1] += dt * moves[:, 0]
+    return rows.product(q, dq), further
 
 
-def _increments(signal: Signal, method: str, segments: int) -> tuple[Array, Array, Array]:
-    """(dq, dv, dp), component-first, of every interval: the method on each segment, segments composed in order."""
+def _increments(signal: Signal, method: str, segments: int) -> Moved:
+    """What every interval adds: the method on each segment, segments composed in order."""
     step = METHODS[method].step
-    if segments == 1:
-        dq, dv, dp = step(signal, 0.0, 1.0)
-        return rows.unit(dq), dv, dp
-    whole = step(signal, 0.0, 1.0 / segments)
+    q, moves = step(signal, 0.0, 1.0 / segments)
     for i in range(1, segments):
-        whole = _then(whole, signal.dt / segments, step(signal, i / segments, (i + 1) / segments))
-    q, v, p = whole
-    return rows.unit(q), v, p
+        q, moves = _then((q, moves), signal.dt / segments, step(signal, i / segments, (i + 1) / segments))
+    return rows.unit(q), moves
 
 
 def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:

@@ -17,4 +17,4 @@ def words(raw: bytes | str) -> str:
     Anybody on the link can send them: they would make colours, clear the screen, or write lines that seem to be ours.
     """
     text = raw.split(b"\0")[0].decode("utf-8", "replace") if isinstance(raw, bytes) else raw
-    return _COLOURS.sub("", text).translate(_CONTROLS)
+    return text if text.isprintable() else _COLOURS.sub("", text).translate(_CONTROLS)

@@ -1,11 +1,11 @@
-"""How fast logs are read beside pymavlink, fasttlogparser and pyulog, on one core: `python benchmarks/tlog.py`.
+"""How fast logs are read beside pymavlink, fasttlogparser and pyulog, on one core: `python benchmarks/readers.py`.
 
-A log of 100 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
+A log of 50 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
 repetition is a process of its own, so that CPU and peak memory are its own, without the interpreter's start and the
-import of NumPy. Speeds are by user CPU, and by all: who fills 900 MB has the kernel make them. pymavlink reads
-the first twentieth, which is enough to know its speed. Peers that are not installed are named and skipped (`pip install
-fasttlogparser`, which needs a C++ compiler). Then the same for a ULog, made here too, and for a DataFlash log, made of
-a recording beside the project again and again, if it is there.
+import of NumPy. Speeds are by user CPU, and by all: who fills 900 MB has the kernel make them. pymavlink reads the
+first twentieth, which is enough to know its speed. Peers that are not installed are named and skipped (fasttlogparser
+has no wheel: `pip install fasttlogparser` needs a C++ compiler). Then the same for a ULog, made here too, and for a
+DataFlash log, made of a recording again and again.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import cProfile
 import importlib.util
+import lzma
 import os
 import pstats
 import resource
@@ -260,7 +261,8 @@ PX4: dict[str, Callable[[Path], int]] = {
     "companion: ULog, flight with SI tracks": read_flights,
     "pyulog": pyulog,
 }
-RECORDING = Path(__file__).resolve().parents[2] / "shared/tlogs/dataflash/sitl__copter-demo.BIN"
+RECORDINGS = Path(__file__).resolve().parents[1] / "tests" / "data"
+ON_BOARD, ON_PX4 = "dataflash__sitl__copter-demo.BIN.xz", "px4__px4_gcs_default.ulg.xz"
 
 
 def measure(reader: str, path: Path) -> None:
@@ -293,43 +295,46 @@ def _warm(path: Path) -> Path:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--megabytes", type=float, default=100.0)
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--megabytes", type=float, default=50.0)
+    parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--measure", nargs=2, metavar=("READER", "LOG"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
         measure(arguments.measure[0], Path(arguments.measure[1]))
         return
-    with tempfile.TemporaryDirectory() as folder:
-        whole, part = Path(folder) / "whole.tlog", Path(folder) / "part.tlog"
-        make_log(whole, arguments.megabytes)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, size = Path(temporary), arguments.megabytes
+        whole, part = folder / "whole.tlog", folder / "part.tlog"
+        make_log(whole, size)
         with whole.open("rb") as file:
             part.write_bytes(file.read(whole.stat().st_size // 20))
-        speeds = compare({reader: part if reader == "pymavlink" else whole for reader in READERS}, arguments.repeats)
-        for reader in ("companion: all fields", "companion: flights with SI tracks"):
-            for peer in ("pymavlink", "fasttlogparser"):
-                if peer in speeds:
-                    print(f"{reader} beside {peer}: {_ratio(speeds[reader], speeds[peer])}")
+        beside({reader: part if reader == "pymavlink" else whole for reader in READERS}, arguments.repeats)
         next_limit(whole)
-        whole = Path(folder) / "whole.ulg"
-        make_ulog(whole, arguments.megabytes)
-        speeds = compare(dict.fromkeys(PX4, whole), arguments.repeats)
-        for reader in PX4:
-            if reader != "pyulog" and "pyulog" in speeds:
-                print(f"{reader} beside pyulog: {_ratio(speeds[reader], speeds['pyulog'])}")
+
+        whole, recorded = folder / "whole.ulg", folder / "recorded.ulg"
+        make_ulog(whole, size)
+        recorded.write_bytes(lzma.decompress((RECORDINGS / ON_PX4).read_bytes()))
+        for path in (whole, recorded):
+            beside(dict.fromkeys(PX4, path), arguments.repeats)
         next_limit(whole)
-        if not RECORDING.exists():
-            print(f"{RECORDING} is not here: on-board logs are not measured")
-            return
-        recording = RECORDING.read_bytes()
-        whole, part = Path(folder) / "onboard.bin", Path(folder) / "one.bin"
-        with whole.open("wb") as file:
-            for _ in range(round(arguments.megabytes * 1e6 / len(recording))):
-                file.write(recording)
+
+        whole, part = folder / "whole.bin", folder / "part.bin"
+        recording = lzma.decompress((RECORDINGS / ON_BOARD).read_bytes())
         part.write_bytes(recording)
-        speeds = compare({"companion: on-board log": whole, "pymavlink: DFReader": part}, arguments.repeats)
-        ratio = _ratio(speeds["companion: on-board log"], speeds["pymavlink: DFReader"])
-        print(f"on-board log beside DFReader: {ratio}")
+        with whole.open("wb") as file:
+            for _ in range(round(size * 1e6 / len(recording))):
+                file.write(recording)
+        beside({reader: part if reader == "pymavlink: DFReader" else whole for reader in ONBOARD}, arguments.repeats)
+
+
+def beside(logs: dict[str, Path], repeats: int) -> None:
+    """Print the table of each reader with its log, and the ratio of each of ours to each peer that is installed."""
+    speeds = compare(logs, repeats)
+    peers = [reader for reader in speeds if not reader.startswith("companion")]
+    for reader in speeds:
+        if reader not in peers:
+            for peer in peers:
+                print(f"{reader} beside {peer}: {_ratio(speeds[reader], speeds[peer])}")
 
 
 def next_limit(path: Path) -> None:
