@@ -90,7 +90,9 @@ def findings_of(
     best: BestEstimate,
     in_use: SensorInUse | None = None,
 ) -> list[Finding]:
-    """Fault intervals and deviations as findings: causes as errors, the harmless as information if beyond its σ.
+    """Fault intervals and deviations as findings: causes as errors, faults that misled nobody as warnings.
+
+    The harmless as information, if beyond its σ.
 
     in_use: the IMU that it flew on; another one misleads nobody.
     """
@@ -153,6 +155,8 @@ def _of_interval(
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
         evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
+    misled_nobody = severity == "info" and not from_start and interval.side != "imu"
+    severity = "warning" if misled_nobody and not _why_undecided(interval, best)[0] else severity
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or kind_of(interval.kind).advice

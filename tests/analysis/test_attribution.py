@@ -388,6 +388,16 @@ def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, 
     assert not follows(far, fault_intervals(faulty)[0], faulty)
 
 
+@pytest.mark.parametrize(("fault", "severity"), [(1.0, "warning"), (0.2, "info")])
+def test_a_fault_that_misled_nobody_is_a_warning_and_accuses_nobody(
+    best: BestEstimate, fault: float, severity: str
+) -> None:
+    turned_by = replace(accepted("compass_turn", 0.0, 0.0, 1.6), rivals=(Rival("compass_turn", "step", 50.0, fault),))
+    off = replace(best, explained=(turned_by,))
+    (finding,) = findings_of(fault_intervals(off), (), off)
+    assert (finding.kind, finding.side, finding.severity) == ("compass_turn", "data", severity)
+
+
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
     found = estimator_deviations(headed(flight, 40.0), faulty, Limits())
