@@ -248,8 +248,9 @@ def estimator_deviations(
             if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
-                felt = _confirmed_by_imu(best, reference, name, value, peak)
-                deviations.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, felt, stepped))
+                confirmed = _confirmed_by_imu(best, reference, name, value, peak)
+                begin, end = float(t[first]), float(t[last])
+                deviations.append(EstimatorDeviation(name, begin, end, size, own, confirmed, stepped))
     return tuple(sorted(deviations, key=lambda d: d.start))
 
 

@@ -32,7 +32,7 @@ class Preflight:
     end_s: float
     motors_off: bool  # whether the vehicle reports itself disarmed throughout
     checks: tuple[Check, ...]
-    said: tuple[str, ...]  # what the vehicle itself reports against arming, in that time: untrusted
+    vehicle_reports: tuple[str, ...]  # what the vehicle itself reports against arming, in that time: untrusted
     missing: tuple[str, ...]  # what could not be checked, and why
 
     @property

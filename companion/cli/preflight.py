@@ -59,11 +59,11 @@ def _of_link(arguments: argparse.Namespace) -> int:
     """Listen for a while, and check what was recorded."""
     with TemporaryDirectory(prefix="companion-") as folder:
         path = Path(arguments.output or Path(folder) / "preflight.tlog")
-        heard = argparse.Namespace(**vars(arguments))
-        heard.link, heard.output = arguments.log, str(path)
-        heard.duration = _LINK_S if arguments.duration is None else arguments.duration
+        recorded = argparse.Namespace(**vars(arguments))
+        recorded.link, recorded.output = arguments.log, str(path)
+        recorded.duration = _LINK_S if arguments.duration is None else arguments.duration
         with contextlib.redirect_stdout(sys.stderr):  # stdout is for the checks
-            code = record.run(heard)
+            code = record.run(recorded)
         if code:
             return code
         arguments.log = str(path)
@@ -100,7 +100,7 @@ def _lines(result: Preflight, aged: tuple[Ageing, ...]) -> Iterator[str | Table]
     colour = _COLOURS[result.outcome]
     yield f"[bold {colour}]{escape(preflight_headline(result))}[/]"
     yield from (f"Not checked: {one}" for one in result.missing)
-    yield from (f"The vehicle says: {escape(said)}" for said in result.said)
+    yield from (f"The vehicle says: {escape(report)}" for report in result.vehicle_reports)
     yield ""
     table = preflight_table(result, aged)
     shown = tables.folded_table(*(column.title for column in table.columns))

@@ -45,11 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
             unexpected_error.report(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
         while recorder is not None and not ended() and attachment.alive and not patience.over(link.health.frames):
-            for sentence in attachment.said():
+            for sentence in attachment.notices():
                 live.say(sentence)
             time.sleep(0.1)
         attachment.close()
-        for sentence in attachment.said():
+        for sentence in attachment.notices():
             live.say(sentence)
         attachment.check()
     if recorder is not None:

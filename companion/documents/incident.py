@@ -10,9 +10,9 @@ from companion.model import Flight
 
 def incident_document(source: Source, flight: Flight, incident: Incident) -> Document:
     """The seconds around an incident."""
-    told = {
+    content = {
         **flight_head(flight),
         "moment": {"t_s": incident.moment.t, **of(incident.moment, "kind", "text")},
         **of(incident, "start_s", "end_s", "causes", "timeline", "imus", "tracking", "outputs", "missing"),
     }
-    return document(source, [told])
+    return document(source, [content])

@@ -24,6 +24,6 @@ def preflight_document(source: Source, flight: Flight, result: Preflight, aged: 
             }
             for one in result.checks
         ],
-        **of(result, "said", "missing"),
+        **of(result, "vehicle_reports", "missing"),
     }
     return document(source, [checked])

@@ -35,14 +35,14 @@ _PARTS = {
 
 def _schema(name: str, fields: str) -> Schema:
     """With the definitions that it needs, as `ros2 bag record` writes them."""
-    text, asked = f"std_msgs/Header header\n{fields}", list[str]()
+    text, included = f"std_msgs/Header header\n{fields}", list[str]()
     waiting = [text]
     while waiting:
         own = [line.split()[0] for line in waiting.pop().splitlines()]
-        new = [part for part in dict.fromkeys(own) if part in _PARTS and part not in asked]
-        asked += new
+        new = [part for part in dict.fromkeys(own) if part in _PARTS and part not in included]
+        included += new
         waiting += [_PARTS[part] for part in new]
-    parts = [f"MSG: {part}\n{_PARTS[part]}" for part in asked]
+    parts = [f"MSG: {part}\n{_PARTS[part]}" for part in included]
     return Schema(name, "ros2msg", f"\n{'=' * 80}\n".join([text, *parts]).encode() + b"\n")
 
 

@@ -191,7 +191,7 @@ class Units:
 NO_UNITS = Units({}, {}, {})
 
 
-def record_layout(declared: Declaration, said: Units, *, text: bool = False) -> RecordLayout | None:
+def record_layout(declared: Declaration, defined: Units, *, text: bool = False) -> RecordLayout | None:
     """A declaration as a layout; None if it contradicts itself or has a format that we do not know.
 
     text: of values that are written out.
@@ -206,8 +206,8 @@ def record_layout(declared: Declaration, said: Units, *, text: bool = False) -> 
     ])  # fmt: skip
     if not text and dtype.itemsize != declared.length - HEADER_BYTES:
         return None
-    labels, factors = said.labels, said.factors
-    unit_ids, mult_ids = said.letters.get(declared.type, ("", ""))
+    labels, factors = defined.labels, defined.factors
+    unit_ids, mult_ids = defined.letters.get(declared.type, ("", ""))
     divisors = {f: _DIVISORS[c] for f, c in zip(declared.columns, declared.format, strict=True) if c in _DIVISORS}
     units = {f: labels[i] for f, i in zip(declared.columns, unit_ids, strict=False) if labels.get(i)}
     multipliers = {

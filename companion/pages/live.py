@@ -138,7 +138,7 @@ class LiveFeed:
         self._attachment.wait(timeout_s)
 
     def look(self) -> Seen | None:
-        for sentence in self._attachment.said():
+        for sentence in self._attachment.notices():
             self._messages.append(f"{time.strftime('%H:%M:%S')} {sentence}")
             self._news.append(sentence)
         receipts = self._attachment.fetch()

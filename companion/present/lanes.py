@@ -57,33 +57,33 @@ def flown_words(lanes: Lanes) -> str:
 
 def switch_words(one: LaneSwitch) -> str:
     """A change of lane, judged: "Switch at 69.7 s to EKF3 core 1: right, ..."."""
-    said = f"Switch at {one.t:.1f} s from {one.before} to {one.after}: {_SWITCHED[one.judgement]}"
+    sentence = f"Switch at {one.t:.1f} s from {one.before} to {one.after}: {_SWITCHED[one.judgement]}"
     if one.probability is None:
-        return f"{said}: {one.why}"
+        return f"{sentence}: {one.why}"
     left, taken = (_size(size, one.sigma, one.quantity) for size in (one.before_size, one.after_size))
-    said += (
+    sentence += (
         f" ({probability(one.probability)} that it is nearer to the truth): until {one.end_s:.1f} s {one.before} was "
         f"{left} off in {one.quantity}, {one.after} {taken}"
     )
     if one.reset_s is not None:
-        said += f"; {one.after} had announced a reset {one.reset_s:.1f} s before"
-    return said
+        sentence += f"; {one.after} had announced a reset {one.reset_s:.1f} s before"
+    return sentence
 
 
 def span_words(span: LaneSpan) -> str:
     """Which lane should have flown, in a clause."""
     off = [one for one in span.lanes if one.off]
-    said = f"{span.right} was the right lane" if span.right else "no lane that flew was off by what matters"
+    sentence = f"{span.right} was the right lane" if span.right else "no lane that flew was off by what matters"
     if not span.right and {one.lane for one in off} & {*span.flown, FLOWN}:
-        said = "another lane was nearer, but which is the nearest cannot be told"
+        sentence = "another lane was nearer, but which is the nearest cannot be told"
     elif sum(one.nearest is not None for one in span.lanes) < 2:
-        said = "there is no other lane to compare with"
-    said += "".join(f"; {one.lane} was off by {_worst(one)}" for one in off)
+        sentence = "there is no other lane to compare with"
+    sentence += "".join(f"; {one.lane} was off by {_worst(one)}" for one in off)
     if span.readers is not None:
         others = [one.lane for one in span.lanes if one.lane not in span.readers and one.nearest is not None]
         spared = f", not by {', '.join(others)}" if others else ": no lane escapes it"
-        said += f"; that sensor is read by {', '.join(span.readers) or 'none of the lanes'}{spared}"
-    return said
+        sentence += f"; that sensor is read by {', '.join(span.readers) or 'none of the lanes'}{spared}"
+    return sentence
 
 
 def counterfactual_words(span: LaneSpan) -> Iterator[str]:

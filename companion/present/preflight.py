@@ -53,8 +53,8 @@ def _limit(one: Check) -> str:
     if one.name in _COUNTED or not one.limit:
         return ""
     unit, factor = _unit(one.unit)
-    said = with_unit(fixed(one.limit * factor), unit)
-    return said if one.outcome == "go" else f"{said} (beyond: {probability(one.probability)})"
+    shown = with_unit(fixed(one.limit * factor), unit)
+    return shown if one.outcome == "go" else f"{shown} (beyond: {probability(one.probability)})"
 
 
 def _autopilot(one: Check) -> str:
@@ -68,10 +68,10 @@ def _before(one: Check, aged: Ageing | None) -> str:
     if aged is None or one.name in _COUNTED:
         return ""
     _, factor = _unit(one.unit)
-    said = f"{fixed(aged.before * factor)} ± {fixed(aged.spread * factor)} ({aged.times})"
+    shown = f"{fixed(aged.before * factor)} ± {fixed(aged.spread * factor)} ({aged.times})"
     if one.uncorrected is not None:
-        said = f"{said}, now {fixed(one.uncorrected * factor)} uncorrected"
-    return f"{said}: changed" if aged.changed else said
+        shown = f"{shown}, now {fixed(one.uncorrected * factor)} uncorrected"
+    return f"{shown}: changed" if aged.changed else shown
 
 
 def _unit(unit: str) -> tuple[str, float]:

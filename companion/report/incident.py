@@ -102,20 +102,20 @@ def _attitudes(
     flight: Flight, best: BestEstimate | None, start: float, stop: float, zero: float
 ) -> Iterator[traces.Panel]:
     """Roll and pitch as desired, as the estimator had it, and by the best estimate."""
-    told: list[tuple[str, palette.Rgb, Array, Array]] = []
+    curves: list[tuple[str, palette.Rgb, Array, Array]] = []
     if flight.control is not None and len(flight.control):
-        told.append(("desired", palette.HEADING, flight.control.t, flight.control.q_ned_frd))
+        curves.append(("desired", palette.HEADING, flight.control.t, flight.control.q_ned_frd))
     if flight.attitude is not None:
-        told.append(("estimator", palette.AUTOPILOT, flight.attitude.t, flight.attitude.q_ned_frd))
+        curves.append(("estimator", palette.AUTOPILOT, flight.attitude.t, flight.attitude.q_ned_frd))
     if best is not None:
-        told.append(("best estimate", palette.BEST, best.t, best.q_ned_frd))
+        curves.append(("best estimate", palette.BEST, best.t, best.q_ned_frd))
     for name, axis in _ANGLES:
         lines = []
-        for said, colour, t, q in told:
+        for source, colour, t, q in curves:
             part = window(t, start, stop)
             if len(t[part]) > 1:
                 lines.append(
-                    traces.line(t[part] - zero, np.degrees(quaternion.to_euler(q[part])[:, axis]), said, colour)
+                    traces.line(t[part] - zero, np.degrees(quaternion.to_euler(q[part])[:, axis]), source, colour)
                 )
         if lines:
             yield traces.Panel(f"{name}, °", lines)

@@ -21,5 +21,5 @@ def sections(subject: Subject) -> list[Section]:
         return []
     body = paragraph(preflight_headline(result))
     body += "".join(paragraph(f"Not checked: {one}") for one in result.missing)
-    body += "".join(paragraph(f"The vehicle says: {one}") for one in result.said)
+    body += "".join(paragraph(f"The vehicle says: {one}") for one in result.vehicle_reports)
     return [Section("preflight", "Before take-off", body + html_table(preflight_table(result), "checks"))]

@@ -106,15 +106,15 @@ def _worst(subject: Subject) -> str:
     worst = worst_stretch(shown) if shown is not None else None
     if shown is None or worst is None:
         return ""
-    told = (
+    sentence = (
         f"IMU and autopilot are farthest apart at {worst.end_s:.1f} s: {short(worst.apart_m)} m, "
         f"{worst.end_s - worst.start_s:.1f} s after the anchor"
     )
     if (expected := subject.expected) is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:
-            told += f", {worst.apart_m / sigma:.1f} times the {short(sigma)} m allowed (1σ)"
-    return paragraph(f"{told}.".replace(" m,", f"{_NO_BREAK}m,"))
+            sentence += f", {worst.apart_m / sigma:.1f} times the {short(sigma)} m allowed (1σ)"
+    return paragraph(f"{sentence}.".replace(" m,", f"{_NO_BREAK}m,"))
 
 
 def _warning(flight: Flight, rate_hz: float) -> str:

@@ -124,17 +124,17 @@ def _room(reference: Array) -> float:
 def _leaves(paths: Sequence[_Path]) -> str:
     """How far a path leaves the map, in a sentence; "" where none does."""
     reference, room = paths[-1].position, _room(paths[-1].position)
-    told = []
+    sentences = []
     for path in paths[:-1]:
         beyond = np.maximum(path.position - reference.max(axis=0), reference.min(axis=0) - path.position)[:, :2].max(
             axis=1
         )
         at = int(np.argmax(beyond))
         if beyond[at] > room:
-            told.append(
+            sentences.append(
                 f" {path.name} leaves the map: {short(float(beyond[at]))} m off the track at {path.t[at]:.1f} s."
             )
-    return "".join(told)
+    return "".join(sentences)
 
 
 def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:

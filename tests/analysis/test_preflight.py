@@ -140,7 +140,7 @@ def test_what_is_not_in_the_log_is_said() -> None:
 
 def test_the_vehicles_own_refusals_are_told() -> None:
     texts = (StatusText(20.0, 2, "PreArm: Gyros inconsistent"), StatusText(21.0, 6, "EKF3 IMU0 is using GPS"))
-    assert checked(standing(texts=texts)).said == ("PreArm: Gyros inconsistent",)
+    assert checked(standing(texts=texts)).vehicle_reports == ("PreArm: Gyros inconsistent",)
 
 
 def test_only_what_lies_before_arming_is_looked_at() -> None:

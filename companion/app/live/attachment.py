@@ -57,7 +57,7 @@ class Attachment:
             fetched.append(self._receipts.popleft())
         return fetched
 
-    def said(self) -> list[str]:
+    def notices(self) -> list[str]:
         """The sentences for the user since the last time. For one thread."""
         sentences: list[str] = []
         while self._said:

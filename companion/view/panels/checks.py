@@ -49,7 +49,8 @@ class ChecksFolders:
 
 def preflight_markup(result: Preflight) -> str:
     """Go or no-go, then a row for each check, what is wrong first; the autopilot's own check at the pointer."""
-    notes = [f"Not checked: {one}" for one in result.missing] + [f"The vehicle says: {one}" for one in result.said]
+    notes = [f"Not checked: {one}" for one in result.missing]
+    notes += [f"The vehicle says: {one}" for one in result.vehicle_reports]
     head = f"<b>{escape(preflight_headline(result))}</b>"
     rows = []
     for outcome, *cells in preflight_table(result).rows:

@@ -98,8 +98,8 @@ def since_anchor(display: DisplayTrajectory, error: Error) -> ErrorCurve:
     if (envelope := display.expected) is not None:
         lines = {"attitude": envelope.attitude_deg, "velocity": envelope.velocity_mps, "position": envelope.position_m}
         allowed = np.interp(t, envelope.t, lines[error])
-    told = (allowed > 0) & display.replay.reference_valid  # across a gap the autopilot's state is interpolated
-    return ErrorCurve(error, t, length_of(display.errors, error), np.where(told, allowed, np.nan))
+    known = (allowed > 0) & display.replay.reference_valid  # across a gap the autopilot's state is interpolated
+    return ErrorCurve(error, t, length_of(display.errors, error), np.where(known, allowed, np.nan))
 
 
 def shown_curve(display: DisplayTrajectory, error: Error) -> ErrorCurve:

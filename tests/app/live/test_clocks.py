@@ -64,7 +64,7 @@ def test_a_vehicles_clock_that_is_set_is_no_reboot_and_no_motion(step_ms: int) -
         vehicle.boot_ms += step_ms
         vehicle.sit(3.0)
         wait_for(lambda: now() > vehicle.boot_ms * 1e-3 - 0.5)
-        assert not [sentence for sentence in attachment.said() if "rebooted" in sentence]
+        assert not [sentence for sentence in attachment.notices() if "rebooted" in sentence]
 
 
 def test_our_own_clock_may_be_set_back_and_forth(monkeypatch: pytest.MonkeyPatch) -> None:
