@@ -9,7 +9,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist lo
 # Without bytecode each of the many processes of the tests would compile it anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-live test check fuzz bench format clean
+.PHONY: demo demo-live test test-all check fuzz bench format clean
 
 demo: $(VENV)/.installed  ## the bundled flight in the browser
 	$(BIN)/companion view demo --open
@@ -19,14 +19,17 @@ demo-live: $(VENV)/.installed  ## a simulated vehicle on a link, live in the bro
 		trap 'kill $$vehicle 2>/dev/null; wait $$vehicle' EXIT; trap : INT TERM; \
 		$(BIN)/companion view udpin:127.0.0.1:14550 --open -o "$${TMPDIR:-/tmp}/companion-live-$$$$.tlog"
 
-test: $(VENV)/.developer  ## every test, on every core
+test: $(VENV)/.developer  ## the tests but for the long ones, on every core
+	$(PYTEST) -m "not long"
+
+test-all: $(VENV)/.developer  ## every test: half an hour on two cores
 	$(PYTEST)
 
 check: $(VENV)/.developer  ## what CI holds: format, lint, types, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(PYTEST)
+	$(PYTEST) -m "not long"
 
 fuzz: $(VENV)/.developer  ## every reader against damaged input, SECONDS (600) for each, on two seeds
 	$(BIN)/python -m tests.fuzz --seconds $(or $(SECONDS),600) --seed 1

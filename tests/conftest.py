@@ -33,6 +33,9 @@ _REMEMBERED = (
 )
 """Pure functions that take longer than to pickle their result, in the modules that call them."""
 
+LONG = Path(__file__).with_name("long.txt")
+"""Tests that take more than some seconds each: whole recordings through the whole product, again and again."""
+
 # A shell that starts the tests in the background has SIGINT ignored, and so would every process of theirs.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -58,8 +61,13 @@ def pytest_collection(session: pytest.Session) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What drives a browser or a cluster is slow, and begins first where several processes share the files.
 
-    The other slow ones follow: what is left for the end is short, and no process is alone with it.
+    The other slow ones follow: what is left for the end is short, and no process is alone with it. What tests/long.txt
+    names is left out by `make test`.
     """
+    named = set(LONG.read_text(encoding="utf-8").split())
+    for item in items:
+        if item.nodeid.split("[")[0] in named:
+            item.add_marker(pytest.mark.long)
     long = {item.location[0] for item in items if {"browser", "cluster"} & set(getattr(item, "fixturenames", ()))}
     for item in items:
         if item.location[0] in long:
