@@ -66,7 +66,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     named = set(LONG.read_text(encoding="utf-8").split())
     for item in items:
-        if item.nodeid.split("[")[0] in named:
+        if {item.location[0], item.nodeid.split("[")[0]} & named:
             item.add_marker(pytest.mark.long)
     long = {item.location[0] for item in items if {"browser", "cluster"} & set(getattr(item, "fixturenames", ()))}
     for item in items:

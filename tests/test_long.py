@@ -11,4 +11,5 @@ from tests.recordings import ROOT
 def test_every_one_exists() -> None:
     for name in LONG.read_text(encoding="utf-8").split():
         path, _, function = name.partition("::")
-        assert re.search(rf"^def {function}\(", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), name
+        source = (ROOT / path).read_text(encoding="utf-8")
+        assert not function or re.search(rf"^def {function}\(", source, re.MULTILINE), name

@@ -32,7 +32,7 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
     >>> found = c.export.tables(flight, c.replay(flight))
     >>> sorted(found)[:4]
-    ['attitude', 'bias_0', 'estimator', 'events']
+    ['attitude', 'battery', 'bias_0', 'estimator']
     >>> f"{found['raw_imu']['accel_z_mps2'].mean():.1f} m/s²"
     '-9.8 m/s²'
     >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata

@@ -128,7 +128,7 @@ def dead_reckon(
     >>> t = np.linspace(0.0, 2.0, 201)  # two seconds of 1 m/s² forward, level
     >>> imu = ImuTrack(t, gyro=np.zeros((201, 3)), accel=np.tile([1.0, 0.0, -9.80665], (201, 1)))
     >>> start = NavState(0.0, np.array([1.0, 0.0, 0.0, 0.0]), velocity=np.zeros(3), position=np.zeros(3))
-    >>> [round(float(x), 9) for x in dead_reckon(imu, start).end.position]
+    >>> [round(float(x), 9) + 0.0 for x in dead_reckon(imu, start).end.position]
     [2.0, 0.0, 0.0]
     """
     scheme = scheme_for(method, middle, segments)
