@@ -122,11 +122,14 @@ def _of_interval(
     if from_start and interval.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(interval, best)
     side: Side = "imu" if interval.side == "imu" else "autopilot" if harmed else "data"
+    doubt = _why_undecided(interval, best)
     why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
     if severity == "error":
-        why, would_tell = _why_undecided(interval, best)
+        why, would_tell = doubt
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
             why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
+    misled_nobody = severity == "info" and interval.side != "imu" and not from_start
+    severity = "warning" if misled_nobody and not doubt[0] else severity
     undecided = bool(why) and (harmed or severity != "error" or not from_start)
     headline = evidence = described(interval, best)
     misled: tuple[str, ...] = ()
@@ -155,8 +158,6 @@ def _of_interval(
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
         evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
-    misled_nobody = severity == "info" and not from_start and interval.side != "imu"
-    severity = "warning" if misled_nobody and not _why_undecided(interval, best)[0] else severity
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or kind_of(interval.kind).advice

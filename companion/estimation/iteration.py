@@ -44,7 +44,7 @@ class Step:
 
     begin: Point
     x: Array  # (K, 15) error of the states
-    c: Array  # (39 + m,) error of the constants, and the sizes of what is accepted
+    c: Array  # (C + m,) error of the constants, and the sizes of what is accepted
     weight: Array  # (K-1, 15, 15) of the motion
     information: tuple[Array, ...]  # of every aiding sensor, (M, d)
     misfit: float  # at its beginning

@@ -26,7 +26,7 @@ from companion.estimation.chi_square import chi_square
 from companion.estimation.model import Aliased
 from companion.estimation.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
 from companion.estimation.system import Index
-from companion.model import Array, ImuTrack
+from companion.model import Array, ImuTrack, integrated
 
 _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
 _NORMAL = NormalDist()
@@ -271,17 +271,11 @@ def _attenuation(t: Array, readings: Array, index: Index, least: float) -> float
     even = np.unique(index // 2 * 2)
     if len(even) < num.SCATTER_MIN_DIFFERENCES or not len(t):
         return 0.0
-    turned = [_integrated(t[::by], readings[::by])[even // by] for by in (1, 2)]
+    turned = [integrated(t[::by], readings[::by])[even // by] for by in (1, 2)]
     whole, half = (np.diff(one, axis=0) / np.diff(t[even])[:, None] for one in turned)
     moved = np.flatnonzero(np.sqrt((readings**2).mean(axis=0)) > least)
     shares = 1.0 - (whole * half)[:, moved].sum(axis=0) / (whole[:, moved] ** 2).sum(axis=0)
     return float(np.clip(shares, 0.0, 1.0).max(initial=0.0))
-
-
-def _integrated(t: Array, values: Array) -> Array:
-    """(N, 3) the integral of values (N, 3) since the first, by trapezoids."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:

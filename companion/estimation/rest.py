@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import healthy, num
-from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, ned_from_geodetic
+from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, integrated, ned_from_geodetic
 
 
 def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -60,11 +60,9 @@ def _drifting(
     latitude, longitude = gps.latitude[good], gps.longitude[good]
     level = np.zeros(len(when))
     place = ned_from_geodetic(latitude, longitude, level, (float(latitude[0]), float(longitude[0]), 0.0))[:, :2]
-    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(when)[:, None]
-    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
     ends = np.clip(np.searchsorted(when, t[edges - [0, 1]]), 0, len(when) - 1)
-    by_velocity, by_position = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
+    by_velocity, by_position = (both[ends[:, 1]] - both[ends[:, 0]] for both in (integrated(when, velocity), place))
     far = np.linalg.norm(by_velocity, axis=1)
     drifts = (far > healthy.REST_DRIFT_M) & (
         np.linalg.norm(by_position - by_velocity, axis=1) < healthy.REST_DRIFT_CONFIRMED * far

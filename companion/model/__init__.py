@@ -55,6 +55,7 @@ from companion.model.tracks import (
     Series,
     Track,
     Trajectory,
+    integrated,
     interpolated,
     longest_step,
     median,

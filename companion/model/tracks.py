@@ -296,3 +296,9 @@ def percentile(values: Array, percent: float) -> float:
 def interpolated(t: Array, samples: Array, values: Array) -> Array:
     """(M, n) at the times t (M,): on the lines between values (N, n) at increasing times (N,), and flat beyond them."""
     return np.column_stack([np.interp(t, samples, column) for column in values.T])
+
+
+def integrated(t: Array, values: Array) -> Array:
+    """(N, n) the integral of values (N, n) since the first of increasing times t (N,), by trapezoids."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

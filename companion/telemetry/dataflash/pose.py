@@ -20,6 +20,7 @@ from companion.model import (
     Origin,
     PositionTrack,
     from_euler,
+    integrated,
     interpolated,
 )
 from companion.telemetry.aiding import has_position
@@ -82,10 +83,8 @@ def with_rates(
 
 def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
     """(N, 3) rad/s around each of the times t (N,)."""
-    steps = np.diff(track.t)[:, None] * 0.5 * (track.gyro[1:] + track.gyro[:-1])
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
-    at = interpolated(edges, track.t, turned)
+    at = interpolated(edges, track.t, integrated(track.t, track.gyro))
     rates = np.diff(at, axis=0) / np.diff(edges)[:, None]
     if bias is not None and bias.imu_instance == track.instance:  # and not that of a mixture of IMUs
         rates -= interpolated(t, bias.t, bias.gyro)

@@ -17,13 +17,12 @@ from companion.present import (
     preflight_table,
     words,
 )
-from companion.view.panels.markup import badge, block, lines, row, table, title, wrapped
+from companion.view.panels.markup import PALE, badge, block, lines, row, table, title, wrapped
 from companion.view.state.sending import update
 from companion.view.state.trajectory import FlightChecks
 
 _COLOURS = {OUTCOMES["go"]: palette.GOOD, OUTCOMES["no_go"]: palette.BAD, OUTCOMES["unknown"]: palette.DOUBTFUL}
 _BEFORE = "Before take-off"
-_PALE = f"opacity:{palette.QUIET}"
 
 
 class ChecksFolders:
@@ -81,4 +80,4 @@ def lanes_markup(lanes: Lanes) -> str:
 
 
 def _pale(markup: str) -> str:
-    return f'<span style="{_PALE}">{markup}</span>'
+    return f'<span style="{PALE}">{markup}</span>'

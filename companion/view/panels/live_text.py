@@ -8,6 +8,7 @@ from html import escape
 from companion.analysis import DriftRow, LiveVerdict, Statistic
 from companion.present import capitalised, clause, palette, words
 from companion.view.panels.markup import (
+    PALE,
     badge,
     banner,
     block,
@@ -95,7 +96,7 @@ def numbers(sample: Sample, free: FreeRun | None, *, has_position: bool, silent:
             ("velocity", f"{sample.velocity_mps:.2f} m/s", "{2:.2f} m/s"),
             ("position", f"{sample.position_m:.2f} m", "{3:.1f} m"),
         ]
-    quiet, errors = f"opacity:{palette.QUIET}" if silent else "", free.errors if free else ()
+    quiet, errors = PALE if silent else "", free.errors if free else ()
     cells = (row((name, first, second.format(*errors) if errors else ""), quiet) for name, first, second in rows)
     if silent:
         return _STALE + table(("Error when last received", "IMU", "free run"), cells)

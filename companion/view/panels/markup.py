@@ -9,6 +9,9 @@ from html import escape
 from companion.present import Rgb, palette
 from companion.view.panels.controls import NARROW, NARROW_WINDOW, PHONE, SIDE
 
+PALE = f"opacity:{palette.QUIET}"
+"""Of a row or a word that says less than the others."""
+
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
     "imu_suspect": palette.BAD,
@@ -112,7 +115,7 @@ def wrapped(markup: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[str]) -> str:
     """The first column to the left, the others to the right, below a paler head."""
-    top = row(head, f"opacity:{palette.QUIET}") if head else ""
+    top = row(head, PALE) if head else ""
     return (
         "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
         ".companion-table td:first-child{text-align:left;padding:0}</style>"

@@ -13,7 +13,7 @@ from companion.model import Flight, of_kind
 from companion.present import Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.markup import banner, block, lines, row, swatch, table, title, waiting, wrapped
+from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, waiting, wrapped
 from companion.view.panels.strip import Bands
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sending import update
@@ -66,7 +66,7 @@ class Panel:
             + horizon_table(sample, display)
             + title("The flight at this instant")
             + flight_data(sample, self._flight, self._lasting, has_position=has_position)
-            + (block(f"A square of the grid is {cell:g} m wide.", _PALE) if has_position else "")
+            + (block(f"A square of the grid is {cell:g} m wide.", PALE) if has_position else "")
         )
 
     def status(self, text: str, *, trouble: bool = False) -> None:
@@ -135,15 +135,15 @@ def errors_table(sample: Sample, display: DisplayTrajectory) -> str:
     attitude = float(np.hypot(sample.tilt_deg, sample.heading_deg))
     rows = [
         _error("attitude", attitude, allowed[0], "°"),
-        row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), _PALE),
-        row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), _PALE),
+        row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), PALE),
+        row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), PALE),
     ]
     if display.replay.has_position:
         down = abs(float(sample.position_imu[2] - sample.position_ref[2]))
         rows += [
             _error("velocity", sample.velocity_mps, allowed[1], " m/s"),
             _error("position", sample.position_m, allowed[2], " m"),
-            _error("· height", down, height, " m", _PALE),
+            _error("· height", down, height, " m", PALE),
         ]
     since = f"{sample.since_anchor_s:.1f} s since the anchor" if sample.known else "autopilot silent here"
     return table((since, "error", "allowed 1σ", "σ"), rows)
@@ -213,4 +213,3 @@ def _battery(flight: Flight, t: float) -> str:
 
 
 _BATTERY_S = 10.0  # it is reported once a second or two
-_PALE = f"opacity:{palette.QUIET}"

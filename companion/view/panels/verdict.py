@@ -27,7 +27,7 @@ from companion.present import (
 )  # fmt: skip
 from companion.view.panels.checks import ChecksFolders
 from companion.view.panels.controls import Controls
-from companion.view.panels.markup import block, lines, row, swatch, table, title, wrapped
+from companion.view.panels.markup import PALE, block, lines, row, swatch, table, title, wrapped
 from companion.view.state.marks import short
 from companion.view.state.trajectory import AnalysisResult
 
@@ -121,10 +121,10 @@ def drift_table(drift: Drift, assessment: Assessment, colour: Rgb, horizon_s: fl
         for first, key in ((f"{one.horizon_s:g} s", "median"), (counted(one.windows, "window"), "p95")):
             rows.append(row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
         of_sigma = ("" if s is None else significant(s) for s in sigma)
-        rows.append(row(("", "allowed", *of_sigma), f"opacity:{palette.QUIET}"))
+        rows.append(row(("", "allowed", *of_sigma), PALE))
         left = left_out(one.excluded)
         if left and chosen:
-            rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
+            rows.append(f'<tr><td colspan="5" style="{PALE}">left out: {escape(left)}</td></tr>')
     note = block(
         "Median and 95 % of the windows; paler, what is allowed (1σ, before the flight's own calibration).",
         "opacity:0.65",
