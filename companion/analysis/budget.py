@@ -146,13 +146,18 @@ def window_noise(track: ImuTrack, chosen: Windows) -> Array:
     """
     if track.rate_hz < num.NOISE_RATE_HZ:
         return np.zeros((len(chosen.start), 2))
-    most, samples = np.zeros((len(chosen.start), 2)), chosen.end + 1 - chosen.start
-    total = np.zeros(len(track) + 1)
+    most, square = np.zeros((len(chosen.start), 2)), np.zeros(len(track))
     for sensor, readings in enumerate((track.gyro, track.accel)):
         for axis in readings.T:
-            np.cumsum(np.diff(axis, n=2) ** 2 / 6.0, out=total[3:])
-            most[:, sensor] = np.maximum(most[:, sensor], (total[chosen.end + 1] - total[chosen.start]) / samples)
+            np.square(np.diff(axis, n=2), out=square[2:])
+            most[:, sensor] = np.maximum(most[:, sensor], _means(square, chosen.start, chosen.end) / 6.0)
     return np.asarray(np.sqrt(most / track.rate_hz))
+
+
+def _means(values: Array, start: IntArray, end: IntArray) -> Array:
+    """(W,) means of values (N,) of samples, each from `start` to `end`, which is in it."""
+    edges = np.column_stack((start, end + 1)).ravel()
+    return np.asarray(np.add.reduceat(np.append(values, 0.0), edges)[::2] / (end + 1 - start))
 
 
 def persistent_step_error(readings: Array, step: float) -> Array:
@@ -180,10 +185,9 @@ def _step_errors(readings: Array, step: float, start: IntArray, end: IntArray) -
     """
     if step == 0.0:
         return np.zeros((len(start), 3))
-    sign, zero = np.sign(readings), readings == 0.0
-    total = np.concatenate([np.zeros((1, 6)), np.cumsum(np.column_stack([sign, zero]), axis=0)])
-    mean = (total[end + 1] - total[start]) / (end + 1 - start)[:, None]
-    return np.asarray(step * np.sqrt((0.5 * mean[:, :3]) ** 2 + mean[:, 3:] ** 2 / 3))
+    signs = np.column_stack([_means(np.sign(axis), start, end) for axis in readings.T])
+    zeros = np.column_stack([_means(axis == 0.0, start, end) for axis in readings.T])
+    return np.asarray(step * np.sqrt((0.5 * signs) ** 2 + zeros**2 / 3))
 
 
 def stamp_jitter(track: ImuTrack) -> float:
@@ -225,10 +229,10 @@ def jitter_covariance(track: ImuTrack, chosen: Windows, growth: Propagation) -> 
 
 def _mean_square_rate(t: Array, readings: Array, chosen: Windows) -> Array:
     """Mean square of the readings' rate of change in each window, mean over axes, (W,)."""
-    rate = np.zeros(len(t))
-    rate[1:-1] = (((readings[2:] - readings[:-2]) / (t[2:] - t[:-2])[:, None]) ** 2).mean(axis=1)
-    total = np.concatenate([[0.0], np.cumsum(rate)])
-    return np.asarray((total[chosen.end + 1] - total[chosen.start]) / (chosen.end + 1 - chosen.start))
+    rate, apart = np.zeros(len(t)), t[2:] - t[:-2]
+    for axis in readings.T:
+        rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
+    return _means(rate, chosen.start, chosen.end) / readings.shape[1]
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}

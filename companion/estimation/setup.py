@@ -78,8 +78,9 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
         why = f"its accelerometer reads {median_g:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
-    spacing = float(np.clip((track.t[-1] - track.t[0]) / num.KEYFRAMES, *num.KEYFRAME_SPACING_S))
-    spacing = max(spacing, 1.5 / track.rate_hz)
+    lasts = float(track.t[-1] - track.t[0])
+    spacing = float(np.clip(lasts / num.KEYFRAMES, *num.KEYFRAME_SPACING_S))
+    spacing = max(spacing, lasts / num.MAX_KEYFRAMES, 1.5 / track.rate_hz)
     index = _keyframes(track, gps.t[gps.fix_type >= 3] - healthy.GPS_LATENCY_S if gps is not None else None, spacing)
     t = track.t[index]
     notes: list[str] = []

@@ -120,21 +120,20 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
     if comparison.track.rate_hz < check.YAW_STEP_RATE_HZ:
         return
     span = max(1, round(check.YAW_STEP_S * comparison.track.rate_hz))
-    start = np.arange(0, len(t) - span)
-    end = start + span
+    start, end, path = slice(0, max(len(t) - span, 0)), slice(span, None), comparison.path
     known = comparison.reference.attitude_known
-    turned = quaternion.multiply(quaternion.conjugate(comparison.path.q[start]), comparison.path.q[end])
+    turned = quaternion.multiply(quaternion.conjugate(path.q[start]), path.q[end])
     seen = quaternion.multiply(q[end], quaternion.conjugate(quaternion.multiply(q[start], turned)))
     error = quaternion.log(seen)
     tilt = length(error[:, :2])
     big = (np.abs(error[:, 2]) > np.radians(1.5)) & (tilt < 0.5 * np.abs(error[:, 2])) & known[start] & known[end]
     big &= t[end] - t[start] < 2 * check.YAW_STEP_S
     some = np.flatnonzero(big)
-    ends = (comparison.reference.interpolation_error(at[some], comparison.path).attitude for at in (start, end))
+    ends = (comparison.reference.interpolation_error(at, path).attitude for at in (some, some + span))
     big[some] = np.abs(error[some, 2]) > num.SIGMAS * np.hypot(*ends)
     for first, last in runs(np.asarray(big)):
         peak = first + int(np.argmax(np.abs(error[first : last + 1, 2])))
-        edges = sorted((float(t[start[last]]), float(t[end[first]])))
+        edges = sorted((float(t[last]), float(t[first + span])))
         yield edges[0], edges[1], float(abs(error[peak, 2]))
 
 

@@ -130,10 +130,12 @@ def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
     fewest = max(check.TOP_SAMPLES, moment)
     for first, last in runs(np.asarray(same)):
         top, count = slice(first, last + 2), last + 2 - first
+        if count < fewest or first == 0:
+            continue
         most = level[top].max()
         exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + check.TOP_EDGE) * most
         scatters = np.ptp(column[top]) > check.TOP_SCATTER * check.FLAT_TOP * most
-        if count < fewest or first == 0 or exceeded or scatters:
+        if exceeded or scatters:
             continue
         beside = max(1, min(moment + 1, count // 2))
         before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
