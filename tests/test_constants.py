@@ -16,7 +16,7 @@ TABLES = sorted(p for p in (PACKAGE / "constants").glob("*.py") if p.stem != "__
 USERS = sorted(p for part in ("estimation", "analysis") for p in (PACKAGE / part).rglob("*.py"))
 
 OWN_TABLES = {
-    "estimation/explanations.py: KINDS",  # what may be wrong: priors of size and rate, harmful sizes, words
+    "estimation/hypotheses.py: HYPOTHESES",  # what may be wrong: priors of size and rate, harmful sizes, words
     "estimation/aiding_sensors.py: _ROWS",  # all that is known of each aiding sensor
     "estimation/constant_errors.py: _BELIEVED",  # three components of a bias, nine of a matrix
     "estimation/model.py: _PRIORS",  # constants of a flight, their components and priors

@@ -14,7 +14,7 @@ from benchmarks.accuracy.labels import load_labels, recordings
 from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.cli import main
-from companion.estimation import KINDS
+from companion.estimation import HYPOTHESES
 from companion.model import words
 from tests.recordings import BUNDLED, ROOT, SHARED, alike, recording, shared
 from tests.remembered import once
@@ -38,7 +38,7 @@ FEWEST = 3  # windows that are judged
 MANY = 10  # windows of a horizon, of which one decides nothing
 CONSISTENT = 70  # % of the windows, at least
 READINGS = ("frozen", "stuck axis", "gyro clipping", "accelerometer clipping", "units wrong", "axes wrong")
-EXPLAINED = tuple(words(kind.name) for kind in KINDS)
+EXPLAINED = tuple(words(kind.name) for kind in HYPOTHESES)
 SIZE = re.compile(r"(\([-\d., ]+\)|-?[\d.]+) ± ([\d.]+)")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
-from companion.estimation.explanations import Problem
+from companion.estimation.hypotheses import Problem
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up

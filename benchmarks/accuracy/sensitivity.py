@@ -31,8 +31,8 @@ from companion.analysis import assessment, attribution, constant_faults, deviati
 from companion.analysis.fault_interval import EstimatorDeviation, FaultInterval
 from companion.app.recording import read_recording
 from companion.constants import check, num, priors
-from companion.estimation import BestEstimate, Kind, search, setup, smooth, smoother
-from companion.estimation.choice import Choice
+from companion.estimation import BestEstimate, Hypothesis, search, setup, smooth, smoother
+from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import Trial, trial
 from companion.model import Array, CompanionError, Flight
 
@@ -50,13 +50,13 @@ AS_IT_IS = "as it is"
 @contextlib.contextmanager
 def fault_rates(times: float) -> Iterator[None]:
     """Every prior rate or share of faults so many times as high, in this process."""
-    rate_of = Kind.rate_of
+    rate_of = Hypothesis.rate_of
 
-    def scaled(kind: Kind, shape: str) -> float:
+    def scaled(kind: Hypothesis, shape: str) -> float:
         return times * rate_of(kind, shape)
 
     with (
-        mock.patch.object(Kind, "rate_of", scaled),
+        mock.patch.object(Hypothesis, "rate_of", scaled),
         mock.patch.object(priors, "FAULTY_IMU", times * priors.FAULTY_IMU),
     ):
         yield
@@ -71,9 +71,9 @@ def log_evidence(times: float) -> Iterator[None]:
         one = trial(*args, **keywords)
         return replace(one, log_bayes=times * one.log_bayes)
 
-    def weaker_moved(choice: Choice, cause: smoother.Cause) -> Choice:
-        one = moved(choice, cause)
-        own = max(choice.log_odds, cause.choice.log_odds)  # evidence that is weaker already
+    def weaker_moved(candidate: Candidate, adaptation: smoother.Adaptation) -> Candidate:
+        one = moved(candidate, adaptation)
+        own = max(candidate.log_odds, adaptation.candidate.log_odds)  # evidence that is weaker already
         return replace(one, log_odds=max(own, times * one.log_odds))
 
     def weaker_constant(*args: Any, **keywords: Any) -> Array:

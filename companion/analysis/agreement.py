@@ -16,7 +16,7 @@ from companion.analysis.comparison import Comparison, Windows, left_out, windows
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.constants import check, num, priors
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Array, Phase, counted
 
 
@@ -83,7 +83,7 @@ def unseen(best: BestEstimate | None, no_windows: str) -> str:
     """
     if best is None or "gyro_bias" not in best.detectable:
         return no_windows
-    hidden = [sensor for sensor, size in _biases(best).items() if size > kind_of(f"{sensor}_bias").prior]
+    hidden = [sensor for sensor, size in _biases(best).items() if size > hypothesis_of(f"{sensor}_bias").prior]
     would_not = " and ".join(_bias_of(sensor, best) for sensor in hidden)
     return f"{no_windows}; no fault was found, but {would_not} would not have shown" if hidden else ""
 
@@ -100,7 +100,7 @@ def _biases(best: BestEstimate) -> dict[str, float]:
 
 def _bias_of(sensor: str, best: BestEstimate) -> str:
     unit, scale, decimals = BIAS_UNITS[sensor]
-    if _biases(best)[sensor] > check.ANY_BIAS * kind_of(f"{sensor}_bias").prior:
+    if _biases(best)[sensor] > check.ANY_BIAS * hypothesis_of(f"{sensor}_bias").prior:
         return f"any bias of the {SENSORS[sensor]}"
     return f"a bias of the {SENSORS[sensor]} of {scale * _biases(best)[sensor]:.{decimals}f} {unit}"
 

@@ -41,7 +41,7 @@ from companion.estimation import (
     ConstantErrors,
     Explained,
     chi_square,
-    kind_of,
+    hypothesis_of,
     other_reading,
     restored,
     smooth,
@@ -236,7 +236,7 @@ def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
 
 def _changes(one: Explained) -> bool:
     """Whether it is an error of the IMU that lasts for a while: then there is no constant one of the whole flight."""
-    return kind_of(one.kind).side == "imu" and not kind_of(one.kind).nuisance
+    return hypothesis_of(one.kind).side == "imu" and not hypothesis_of(one.kind).nuisance
 
 
 def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:

@@ -31,13 +31,13 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.constants import check, num, priors
-from companion.estimation import HEIGHTS, BestEstimate, harmful, kind_of, times_of_change
+from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, times_of_change
 from companion.model import SensorInUse, words
 
 
 def may_be_fault(interval: FaultInterval) -> bool:
     """Whether an IMU's error is a fault; a sensor's is one where it misled the autopilot, which this does not say."""
-    kind = kind_of(interval.kind)
+    kind = hypothesis_of(interval.kind)
     least = harmful(kind, "step", interval.imu)
     return interval.side != "imu" or (not kind.nuisance and interval.magnitude >= least)
 
@@ -160,7 +160,7 @@ def _of_interval(
         evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
-    advice = would_tell or kind_of(interval.kind).advice
+    advice = would_tell or hypothesis_of(interval.kind).advice
     return Finding(
         shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
@@ -200,7 +200,7 @@ _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU 
 def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, str]:
     """Why an interval that looks like a fault accuses nobody, empty where it does; and what would tell."""
     reasons = (
-        (kind_of(interval.kind).nuisance,
+        (hypothesis_of(interval.kind).nuisance,
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
         _undecided(interval),
@@ -222,7 +222,7 @@ def _undecided(interval: FaultInterval) -> tuple[bool, str, str]:
 
 
 def _side(kind: str) -> str:
-    return "imu" if kind_of(kind).side == "imu" else "aiding"
+    return "imu" if hypothesis_of(kind).side == "imu" else "aiding"
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."

@@ -232,7 +232,7 @@ def _mean_square_rate(t: Array, readings: Array, chosen: Windows) -> Array:
     rate, apart = np.zeros(len(t)), t[2:] - t[:-2]
     for axis in readings.T:
         rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
-    return _means(rate, chosen.start, chosen.end) / readings.shape[1]
+    return np.asarray(_means(rate, chosen.start, chosen.end) / readings.shape[1])
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}

@@ -33,7 +33,7 @@ from companion.estimation import (
     allowing,
     at_rest,
     differences,
-    kind_of,
+    hypothesis_of,
     times_of_change,
 )
 from companion.model import Array, Flight, ImuTrack
@@ -226,7 +226,9 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
         return ()
     since_start = [e for e in best.explained if _is_constant(e, best)]
     changed = {
-        (e.imu, kind_of(e.kind).sensor) for e in best.explained if not kind_of(e.kind).nuisance and e not in since_start
+        (e.imu, hypothesis_of(e.kind).sensor)
+        for e in best.explained
+        if not hypothesis_of(e.kind).nuisance and e not in since_start
     }
     others = differences(flight, best.imu)
     out: list[ConstantError] = []
@@ -234,7 +236,7 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
         if (None, sensor) in changed:
             continue
         value, sigma = steady_error(best, sensor)
-        for one in (e for e in since_start if kind_of(e.kind).sensor == sensor):
+        for one in (e for e in since_start if hypothesis_of(e.kind).sensor == sensor):
             value, sigma = value + one.size, np.hypot(sigma, one.sigma)
         steady = [one for one in others if (one.instance, sensor) not in changed]
         imus = [(best.imu.instance, best.imu.source), *((one.instance, one.source) for one in steady)]
@@ -310,7 +312,7 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
             f"{' when level' if one.sensor == 'accel' else ''} since the start of the log"
         )
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
-        kind = kind_of(f"{one.sensor}_bias")
+        kind = hypothesis_of(f"{one.sensor}_bias")
         fault = sure >= priors.ACCUSED
         cause = Cause(
             kind.name,

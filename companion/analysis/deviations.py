@@ -24,7 +24,7 @@ from companion.estimation import (
     VELOCITY,
     BestEstimate,
     corrected,
-    kind_of,
+    hypothesis_of,
 )
 from companion.model import (
     Array,
@@ -197,7 +197,7 @@ COMPONENTS: Mapping[str, tuple[str, slice]] = {
 }
 """Quantity → what it is of, and its components in NED."""
 
-_LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
+_LEAST = {**harm.AP_ERROR, "position": hypothesis_of("gps_position").least}  # as a healthy receiver shifts
 
 
 def estimator_deviations(
@@ -339,7 +339,7 @@ def _heading_off(
     size = np.abs(error)
     doubted = sigma > check.WELL_KNOWN * healthy.AP_SIGMA["heading"]
     reset_times = np.sort([one.t for one in resets if one.kind == "heading"])
-    turned = min((one.onset for one in best.explained if kind_of(one.kind).side == "compass"), default=np.inf)
+    turned = min((one.onset for one in best.explained if hypothesis_of(one.kind).side == "compass"), default=np.inf)
     at = np.searchsorted(best.t, reset_times)
     further = np.abs(error[np.minimum(at + 1, len(error) - 1)]) > np.abs(error[np.maximum(at - 1, 0)])
     part = np.searchsorted(reset_times[~(further & (reset_times > turned))], best.t)

@@ -11,14 +11,14 @@ from companion.analysis.finding import Cause, Side, runs
 from companion.analysis.reference import length
 from companion.constants import harm, num, priors
 from companion.estimation import (
-    KINDS,
+    HYPOTHESES,
     SLOPED,
     BestEstimate,
     Explained,
     Rival,
     Size,
     activation,
-    kind_of,
+    hypothesis_of,
     main_axis,
     probabilities,
     turn_of_the_field,
@@ -42,7 +42,7 @@ DEVIATION_UNITS: Mapping[str, tuple[str, float]] = {
 class FaultInterval:
     """A time during which one sensor was off in one way."""
 
-    kind: str  # of `estimation.KINDS`
+    kind: str  # of `estimation.HYPOTHESES`
     side: str  # whose it is: "imu", "gps", "compass", "barometer"
     start: float  # s, boot clock
     start_sigma: float
@@ -105,7 +105,7 @@ class EstimatorDeviation:
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
     intervals: list[FaultInterval] = []
-    for kind in KINDS:
+    for kind in HYPOTHESES:
         of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         for imu in dict.fromkeys(e.imu for e in of_kind):
             parts = [e for e in of_kind if e.imu == imu]
@@ -189,7 +189,7 @@ def _size(interval: FaultInterval, best: BestEstimate) -> Size:
 def reported_size(interval: FaultInterval, best: BestEstimate) -> tuple[float, float, str]:
     """How large it is said to be, its σ and its unit: of a compass' field that turns the angle."""
     if interval.kind != "compass_field":
-        return interval.magnitude, interval.sigma, kind_of(interval.kind).unit
+        return interval.magnitude, interval.sigma, hypothesis_of(interval.kind).unit
     angle, sigma = turn_of_the_field(_size(interval, best))
     return abs(angle), sigma, "rad"
 
@@ -238,7 +238,7 @@ def described(interval: FaultInterval, best: BestEstimate) -> str:
     until = "to the end" if not np.isfinite(interval.end) else f"to {interval.end:.1f} s"
     what = f"{words(interval.kind)} of a size that cannot be told"
     if is_sized(interval, best):
-        what = kind_of(interval.kind).phrase(_size(interval, best))
+        what = hypothesis_of(interval.kind).phrase(_size(interval, best))
     if interval.imu is not None:
         what = f"IMU {interval.imu}, compared with IMU {best.imu.instance}: {what}"
     since = f"from {interval.start:.1f} ± {interval.start_sigma:.1f} s"
@@ -261,7 +261,7 @@ def probability_by_side(interval: FaultInterval) -> dict[str, float]:
 
 def probability_by_imu(interval: FaultInterval, best: BestEstimate) -> dict[int, float]:
     """IMU → the probability that it is the one with the fault, if an IMU has it; the likeliest first."""
-    odds = [one for one in interval.rivals if kind_of(one.kind).side == "imu"]
+    odds = [one for one in interval.rivals if hypothesis_of(one.kind).side == "imu"]
     share = np.exp([one.fault_log_odds - max(other.fault_log_odds for other in odds) for one in odds])
     out: dict[int, float] = {}
     for one, part in zip(odds, share / share.sum(), strict=True):
@@ -299,7 +299,7 @@ def rival(interval: FaultInterval) -> tuple[str, float] | None:
     share /= share.sum()
     named: dict[str, float] = {}
     for one, part in zip(interval.rivals, share[1:], strict=True):
-        if kind_of(one.kind).side != interval.side:
+        if hypothesis_of(one.kind).side != interval.side:
             named[one.kind] = named.get(one.kind, 0.0) + float(part)
     return max(named.items(), key=lambda pair: pair[1]) if named else None
 

@@ -20,7 +20,7 @@ Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
 
 KINDS: Mapping[str, str] = {
-    **{kind.name: kind.about for kind in estimation.KINDS},
+    **{kind.name: kind.about for kind in estimation.HYPOTHESES},
     "tilt_off": "the autopilot's tilt leaves the best estimate, and no sensor explains it",
     "heading_off": "the autopilot's heading leaves the best estimate, and no sensor explains it",
     "velocity_off": "the autopilot's velocity leaves the best estimate, and no sensor explains it",

@@ -34,7 +34,15 @@ from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
-from companion.estimation import AIDING, CONSTANTS, KINDS, BestEstimate, kind_of, probabilities, times_of_change
+from companion.estimation import (
+    AIDING,
+    CONSTANTS,
+    HYPOTHESES,
+    BestEstimate,
+    hypothesis_of,
+    probabilities,
+    times_of_change,
+)
 from companion.model import STANDARD_GRAVITY, Array, Flight
 
 Reading = tuple[Array, Array]
@@ -113,7 +121,7 @@ def _does_not_read(cause: Cause, flight: Flight) -> bool:
 
 _SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
 _WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
-_KINDS = {kind.name for kind in KINDS}
+_KINDS = {kind.name for kind in HYPOTHESES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,7 +354,7 @@ _STILL = ("stuck_axis", "frozen")
 
 def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:
     """The probability that an error is still there, of what the sensor reads too much now and did before its onset."""
-    kind = kind_of(cause.kind)
+    kind = hypothesis_of(cause.kind)
     drifts = kind.harmful("step") / num.SIGMAS  # what parts in order change by in a flight is a third of it
     variance = before[1] ** 2 + now[1] ** 2 + drifts**2
     error = now[0] - before[0]

@@ -16,7 +16,7 @@ from companion.analysis.agreement import Agreement, too_few_windows, unseen, wou
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.constants import num, priors
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import brief
 
 
@@ -27,7 +27,7 @@ def harmful_undetected(best: BestEstimate) -> list[str]:
     """
     out = []
     for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
-        kind = kind_of(f"{sensor}_bias")
+        kind = hypothesis_of(f"{sensor}_bias")
         shown = best.detectable.get(kind.name, kind.harmful("step"))
         low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
         if high != low:

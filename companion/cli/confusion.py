@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from companion.cli.tables import table, wrapped
-from companion.estimation import KINDS, BestEstimate, ConfusionMatrix, Identifiability, kind_of
+from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
 from companion.model import words
 from companion.present import percent, shown_unit, with_unit
 
@@ -48,7 +48,7 @@ def _sizes(matrix: ConfusionMatrix, level: float) -> Table:
 
 def _called(matrix: ConfusionMatrix) -> Table:
     seen = {name for row in matrix.rows for name in row.called}
-    names = [name for name in (*(kind.name for kind in KINDS), *_NO_FAULT) if name in seen]
+    names = [name for name in (*(kind.name for kind in HYPOTHESES), *_NO_FAULT) if name in seen]
     shown = table("fault", left=1)
     for name in names:
         shown.add_column(words(name), justify="right")
@@ -75,7 +75,7 @@ def _fault(row: Identifiability) -> str:
 
 def _size(name: str, value: float, level: float) -> str:
     """Of a field that turns the angle, as in the verdict."""
-    unit = kind_of(name).unit
+    unit = hypothesis_of(name).unit
     if name == "compass_field":
         unit, value = "rad", float(np.arctan(value / max(level, 1e-9)))
     shown, factor = shown_unit(unit)

@@ -21,7 +21,7 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
-    kind_of,
+    hypothesis_of,
     probabilities,
     smooth,
 )
@@ -111,7 +111,7 @@ def _measurements(best: BestEstimate) -> Table:
 def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
     """A line for each explanation: kind, size, time, probabilities and the next likely kind."""
     for one in explanations:
-        kind = kind_of(one.kind)
+        kind = hypothesis_of(one.kind)
         unit, factor = shown_unit(kind.unit)
         unit += "/s" if one.shape in SLOPED else ""
         size = ", ".join(

@@ -3,6 +3,6 @@
 `healthy` what parts in order show, `harm` from when on an error matters, `priors` how often, `num` how the estimate and
 the drift are computed, `check` how readings are checked. SI, or the unit in the name; a row whose comment names no
 source is engineering judgement. Rows of more than a number stand where they are read: kinds of fault in
-`estimation/explanations.py`, aiding sensors in `estimation/aiding_sensors.py`, constants of a flight in
+`estimation/hypotheses.py`, aiding sensors in `estimation/aiding_sensors.py`, constants of a flight in
 `estimation/model.py`.
 """

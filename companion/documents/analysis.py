@@ -25,7 +25,7 @@ from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain
 from companion.documents.info import reference
-from companion.estimation import ConfusionMatrix, kind_of
+from companion.estimation import ConfusionMatrix, hypothesis_of
 
 
 def confusion_part(matrix: ConfusionMatrix | None) -> Document | None:
@@ -35,10 +35,10 @@ def confusion_part(matrix: ConfusionMatrix | None) -> Document | None:
     faults = [
         {
             "kind": row.kind,
-            "side": kind_of(row.kind).side,
+            "side": hypothesis_of(row.kind).side,
             "shape": row.shape,
             "lasts_s": row.lasts or None,
-            "unit": kind_of(row.kind).unit,
+            "unit": hypothesis_of(row.kind).unit,
             **of(row, "detectable", "identifiable", "called"),
             "undetected": {
                 "tilt_rad": row.tilt,

@@ -9,7 +9,7 @@ import numpy as np
 from companion.analysis import AutopilotError
 from companion.app.recording import Source
 from companion.documents.document import Document, document, flight_head, of
-from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, probabilities
+from companion.estimation import CONSTANTS, BestEstimate, Explained, hypothesis_of, probabilities
 from companion.model import Array, BiasTrack, Flight
 
 
@@ -58,7 +58,7 @@ def estimate_document(
 
 
 def _explained(one: Explained) -> Document:
-    kind = kind_of(one.kind)
+    kind = hypothesis_of(one.kind)
     return {
         "kind": one.kind,
         "side": kind.side,

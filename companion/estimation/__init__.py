@@ -10,8 +10,16 @@ from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
-from companion.estimation.explanations import AIDING, KINDS, Kind, Size, kind_of, main_axis, turn_of_the_field
 from companion.estimation.gaps import clip_counters
+from companion.estimation.hypotheses import (
+    AIDING,
+    HYPOTHESES,
+    Hypothesis,
+    Size,
+    hypothesis_of,
+    main_axis,
+    turn_of_the_field,
+)
 from companion.estimation.low_pass import restored
 from companion.estimation.model import (
     ATTITUDE,
@@ -61,7 +69,7 @@ __all__ = [
     "ATTITUDE",
     "CONSTANTS",
     "HEIGHTS",
-    "KINDS",
+    "HYPOTHESES",
     "POSITION",
     "SLOPED",
     "VELOCITY",
@@ -71,8 +79,8 @@ __all__ = [
     "ConfusionMatrix",
     "ConstantErrors",
     "Explained",
+    "Hypothesis",
     "Identifiability",
-    "Kind",
     "NoiseFigures",
     "Peak",
     "ProcessNoise",
@@ -100,8 +108,8 @@ __all__ = [
     "folded_gain",
     "folded_onto",
     "harmful",
+    "hypothesis_of",
     "imu_spectrum",
-    "kind_of",
     "main_axis",
     "motion_between",
     "noise_figures",

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import healthy, num
-from companion.estimation.explanations import kind_of
+from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import Start, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import scatter
 from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
-from companion.estimation.smoother import Cause, boundary, next_cause
+from companion.estimation.smoother import Adaptation, boundary, next_adaptation
 from companion.model import STANDARD_GRAVITY, Array, Flight, NoEstimateError
 from companion.strapdown import preintegrate, quaternion
 
@@ -65,7 +65,7 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     for one in best.explained:
         # else an axis that is read wrongly looks like it
         began = one.onset - num.ONSET_SIGMAS * one.onset_sigma > best.t[0]
-        if began and kind_of(one.kind).side == "imu":
+        if began and hypothesis_of(one.kind).side == "imu":
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < num.AXIS_MIN_INTERVALS:
         plain[:] = True
@@ -178,11 +178,15 @@ def _likeliest(tried: _Tried) -> float:
     try:
         with boundary(setup.imu.source):
             settled, linear = estimate(setup, start)
-            cause = next_cause(setup, start, settled, linear, (), scatter(setup))
+            adaptation = next_adaptation(setup, start, settled, linear, (), scatter(setup))
     except NoEstimateError:
         return tried.likelihood
     without = likelihood(settled, linear)
-    return max(without, likelihood(cause.settled, cause.linear)) if isinstance(cause, Cause) else without
+    return (
+        max(without, likelihood(adaptation.settled, adaptation.linear))
+        if isinstance(adaptation, Adaptation)
+        else without
+    )
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import harm, num, priors
-from companion.estimation.explanations import KINDS, Kind, kind_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, hypothesis_of
 from companion.estimation.model import Aliased, Rival
 from companion.estimation.shapes import SLOPED
 from companion.model import Array
@@ -31,7 +31,7 @@ from companion.model import Array
 class Trial:
     """One hypothesis in one shape, at every pair of times that was tried; of D data sets at once, (T, ..., D)."""
 
-    kind: Kind
+    hypothesis: Hypothesis
     shape: str
     onset: Array  # (T,) s
     end: Array  # (T,) s, of what ends; infinite for what stays
@@ -89,22 +89,24 @@ class Trial:
     def cells(self) -> Array:
         """(T, 2) posterior log odds of a nuisance and of a fault at these times against nothing."""
         with np.errstate(divide="ignore"):
-            usual = self.kind.rate if self.kind.nuisance else priors.NUISANCES_PER_H
-            rates = np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * _hours(self.flight)
+            usual = self.hypothesis.rate if self.hypothesis.nuisance else priors.NUISANCES_PER_H
+            rates = np.array([usual / len(self.hypothesis.shapes), self.hypothesis.rate_of(self.shape)]) * _hours(
+                self.flight
+            )
             prior = np.log(self.weight)[:, None] + np.log(rates)
             return np.asarray((prior if self.log_bayes.ndim == 2 else prior[..., None]) + self.log_bayes)
 
     def _above_harm(self) -> Array:
         """(T,) by how many σ the size of a fault is more than what is harmful."""
         reached = grows_for(self.shape, self.onset, self.end, self.flight[1])
-        least = harmful(self.kind, self.shape, self.imu) / reached
+        least = harmful(self.hypothesis, self.shape, self.imu) / reached
         length = np.sqrt((self.size**2).sum(axis=1))
         return np.asarray((length.T - least).T / np.maximum(self.sigma, 1e-300))
 
 
-def harmful(kind: Kind, shape: str, imu: int | None) -> float:
+def harmful(hypothesis: Hypothesis, shape: str, imu: int | None) -> float:
     """The size from which on it is a fault; of another IMU than the estimate's, beside which alone it shows."""
-    return kind.harmful(shape) if imu is None else max(kind.harmful(shape), kind.apart)
+    return hypothesis.harmful(shape) if imu is None else max(hypothesis.harmful(shape), hypothesis.apart)
 
 
 def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
@@ -119,7 +121,7 @@ def _hours(flight: tuple[float, float]) -> float:
 
 
 def trial(
-    kind: Kind,
+    hypothesis: Hypothesis,
     shape: str,
     times: tuple[Array, Array, Array],
     flight: tuple[float, float],
@@ -136,19 +138,19 @@ def trial(
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
-    large, size, sigma, axis = _of_scale(each, v, kind.prior / reached)
-    if kind.nuisance:
+    large, size, sigma, axis = _of_scale(each, v, hypothesis.prior / reached)
+    if hypothesis.nuisance:
         small, large = large, np.full_like(large, num.LOG_ZERO)
     else:
-        usual = np.full(len(onset), harm.NUISANCE * harmful(kind, shape, imu))
+        usual = np.full(len(onset), harm.NUISANCE * harmful(hypothesis, shape, imu))
         if aliased is not None:
             usual = np.maximum(usual, aliased.sigma(np.minimum(end, flight[1]) - onset))
         small, *_ = _of_scale(each, v, usual / reached)
-    possible = np.abs(size).max(axis=1) * reached[:, None] <= kind.most
+    possible = np.abs(size).max(axis=1) * reached[:, None] <= hypothesis.most
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
     sets = slice(None) if b.ndim > 2 else 0
     scores = log_bayes[..., sets], size[..., sets], sigma[..., sets], axis[..., sets]
-    return Trial(kind, shape, onset, end, weight, *scores, flight, imu)
+    return Trial(hypothesis, shape, onset, end, weight, *scores, flight, imu)
 
 
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
@@ -209,18 +211,20 @@ def kept(one: Trial, which: npt.NDArray[np.bool_]) -> Trial:
     return replace(one, **some)
 
 
-def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: float, reached: float = 1.0) -> Array:
+def least_found(
+    information: Array, hypothesis: Hypothesis, shape: str, hours: float, cell: float, reached: float = 1.0
+) -> Array:
     """(T,) the size that is accused in 95 % of flights, of components known with information (T,) each.
 
     With signal s √V the test statistic is N(s √V, 1)²: its 5 % quantile has to reach what odds of 19 to 1 ask for
     (the minimal detectable bias, W. Baarda 1968). And its size, known to 1 / √V, has to be surely harmful with 95 %,
     in 95 % of flights. cell: prior probability of the times about an onset. reached: of what grows, how much of a unit.
     """
-    sigma = kind.prior / reached
-    threshold = 2.0 * (priors.ACCUSED_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
+    sigma = hypothesis.prior / reached
+    threshold = 2.0 * (priors.ACCUSED_ODDS - np.log(hypothesis.rate_of(shape) * hours * cell) + np.log(6.0))
     threshold = np.maximum(threshold + np.log1p(information * sigma**2), 0.0)
     known = 1.0 / np.sqrt(np.maximum(information, 1e-300))
-    harmful = kind.harmful(shape) / reached + 2.0 * num.Z_95 * known
+    harmful = hypothesis.harmful(shape) / reached + 2.0 * num.Z_95 * known
     return np.asarray(np.maximum((np.sqrt(threshold) + num.Z_95) * known, harmful))
 
 
@@ -228,16 +232,18 @@ def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
     odds = np.array([one.log_odds for one in rivals])
     faults = np.array([one.fault for one in rivals])
-    each = probabilities_of_each([kind_of(one.kind) for one in rivals], odds, faults)
+    each = probabilities_of_each([hypothesis_of(one.kind) for one in rivals], odds, faults)
     return {side: float(share) for side, share in each.items()}
 
 
-def probabilities_of_each(kinds: Sequence[Kind], log_odds: Array, fault: Array) -> dict[str, Array]:
+def probabilities_of_each(hypotheses: Sequence[Hypothesis], log_odds: Array, fault: Array) -> dict[str, Array]:
     """The same of D data sets, (D,) each, from the log odds (H, D) of hypotheses and how likely they are harmful."""
     odds = np.concatenate([np.zeros((1, *log_odds.shape[1:])), log_odds])
     posterior = np.exp(odds - _log_sum(odds, axis=0))[1:] * fault
-    shares = {side: np.zeros(log_odds.shape[1:]) for side in ("nobody", *(kind.side for kind in KINDS))}
-    for kind, part in zip(kinds, posterior, strict=True):
-        shares[kind.side] = shares[kind.side] + part
+    shares = {
+        side: np.zeros(log_odds.shape[1:]) for side in ("nobody", *(hypothesis.side for hypothesis in HYPOTHESES))
+    }
+    for hypothesis, part in zip(hypotheses, posterior, strict=True):
+        shares[hypothesis.side] = shares[hypothesis.side] + part
     shares["nobody"] = np.maximum(1.0 - sum(shares.values()), 0.0)
     return {side: np.minimum(share, 1.0) for side, share in shares.items()}  # rounding

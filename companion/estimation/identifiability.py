@@ -25,7 +25,7 @@ from companion.constants import num, priors
 from companion.estimation.block_tridiagonal import roots
 from companion.estimation.differences import Differences
 from companion.estimation.evidence import Trial, least_found, probabilities_of_each
-from companion.estimation.explanations import KINDS, Kind, Problem
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem
 from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
 from companion.estimation.scan import score
 from companion.estimation.search import Cells, at_times, detectable, full_grid, of_other_imus, on_cuts, times_of_change
@@ -83,7 +83,7 @@ class DataSets:
 class Fault:
     """A kind of fault of size one at several times."""
 
-    kind: Kind
+    hypothesis: Hypothesis
     shape: str
     lasts: float  # s, that it grows for; 0 for a step
     onset: Array  # (O,) s
@@ -93,7 +93,7 @@ class Fault:
 
     def alone(self, problem: Problem) -> DataSets:
         """Nothing but itself, at each of its times."""
-        signature = self.kind.signature(problem)
+        signature = self.hypothesis.signature(problem)
         assert signature is not None
         sets = len(self.onset)
 
@@ -107,7 +107,7 @@ class Fault:
         measured = [np.zeros((*one.residual.shape, sets)) for one in problem.measurements]
         for i, one in enumerate(problem.measurements):
             if one.name in signature.measurements:
-                shape = self.kind.shape_at(one.name, self.shape)
+                shape = self.hypothesis.shape_at(one.name, self.shape)
                 measured[i] = column(signature.measurements[one.name], shape, one.t, one.t)
         states, constants = problem.motion.constants.shape[1:]
         nothing = np.zeros((states, sets)), np.zeros((constants, sets))
@@ -116,14 +116,14 @@ class Fault:
     def _apart(self, other: Differences) -> dict[str, Array]:
         """(B, 3, O) by sensor: what another IMU reads more than the one with the fault."""
         apart = {name: np.zeros((len(other.t), 3, len(self.onset))) for name in other.value}
-        if self.kind.side == "imu":
-            columns = other.columns(self.kind.sensor, self.kind.error, self.shape, self.onset, self.end)
-            apart[self.kind.sensor] = -columns.transpose(2, 0, 1) * self.direction[:, None]
+        if self.hypothesis.side == "imu":
+            columns = other.columns(self.hypothesis.sensor, self.hypothesis.error, self.shape, self.onset, self.end)
+            apart[self.hypothesis.sensor] = -columns.transpose(2, 0, 1) * self.direction[:, None]
         return apart
 
 
 def injected(
-    problem: Problem, solution: Solution, kinds: Sequence[Kind] = KINDS
+    problem: Problem, solution: Solution, hypotheses: Sequence[Hypothesis] = HYPOTHESES
 ) -> tuple[tuple[Fault, ...], tuple[str, ...]]:
     """Kinds as faults along the axis that the flight tells least of, and those that it cannot show; no nuisances.
 
@@ -132,8 +132,8 @@ def injected(
     faults, not_shown, known = list[Fault](), list[str](), detectable(problem, solution)
     t, (first, last) = problem.t, times_of_change(problem.t)
     cell, hours = float(np.median(np.diff(t))) / (last - first), float(t[-1] - t[0]) / 3600.0
-    for kind in (one for one in kinds if not one.nuisance):
-        lasts = num.CREEPS.get(kind.name, 0.0)
+    for hypothesis in (one for one in hypotheses if not one.nuisance):
+        lasts = num.CREEPS.get(hypothesis.name, 0.0)
         shape = "creep" if lasts else "step"
         possible = t[(t >= first) & (t <= last - lasts)]
         if not len(possible):
@@ -141,23 +141,23 @@ def injected(
         middle = t[0] + np.linspace(*num.INJECTED_MIDDLE, num.INJECTED_ONSETS) * (t[-1] - t[0]) - 0.5 * lasts
         onset = possible[np.minimum(np.searchsorted(possible, middle), len(possible) - 1)]
         end = onset + (lasts or np.inf)
-        scores = score(problem, solution, kind, shape, onset, end)
+        scores = score(problem, solution, hypothesis, shape, onset, end)
         if scores is None:
             continue
-        direction, information = _least_known(kind, np.median(scores[1], axis=0))
+        direction, information = _least_known(hypothesis, np.median(scores[1], axis=0))
         grown = lasts or 1.0
-        size = grown * float(least_found(np.array([information]), kind, shape, hours, cell, grown)[0])
-        size = known.get(kind.name, max(size, kind.harmful(shape)))
-        if size > min(kind.most, num.INJECTED_SIGMAS * kind.prior):
-            not_shown.append(kind.name)
+        size = grown * float(least_found(np.array([information]), hypothesis, shape, hours, cell, grown)[0])
+        size = known.get(hypothesis.name, max(size, hypothesis.harmful(shape)))
+        if size > min(hypothesis.most, num.INJECTED_SIGMAS * hypothesis.prior):
+            not_shown.append(hypothesis.name)
         else:
-            faults.append(Fault(kind, shape, lasts, onset, end, direction / grown, size))
+            faults.append(Fault(hypothesis, shape, lasts, onset, end, direction / grown, size))
     return tuple(faults), tuple(not_shown)
 
 
-def _least_known(kind: Kind, v: Array) -> tuple[Array, float]:
+def _least_known(hypothesis: Hypothesis, v: Array) -> tuple[Array, float]:
     """The direction (m,) of which information V (m, m) tells least, and how much: of an IMU one of its axes."""
-    if kind.side != "imu":
+    if hypothesis.side != "imu":
         values, vectors = np.linalg.eigh(v)
         return vectors[:, 0], float(max(values[0], 0.0))
     own = np.diagonal(v)
@@ -197,19 +197,22 @@ def confusion_matrix(
     *,
     draws: int = num.DATA_SETS,
     seed: int = 0,
-    kinds: Sequence[Kind] = KINDS,
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
 ) -> ConfusionMatrix:
     """What each kind of fault is called where it is as large as what is detectable, and from which size on it is told.
 
-    Of a linear problem, its solution and its prior. draws: data sets of each kind. kinds: of faults; rivals are all.
+    Of a linear problem, its solution and its prior. draws: data sets of each kind. hypotheses: of the faults; their
+    rivals are all.
     """
-    experiment = Experiment.of(problem, solution, prior, draws, seed, kinds)
+    experiment = Experiment.of(problem, solution, prior, draws, seed, hypotheses)
     rows = []
     for i, fault in enumerate(experiment.faults):
         judged = experiment.judged(i, fault.size)
         off = (fault.size * experiment.moved[i]).tolist()
         least = _identifiable(experiment, i, judged)
-        rows.append(Identifiability(fault.kind.name, fault.shape, fault.lasts, fault.size, least, judged.called, *off))
+        rows.append(
+            Identifiability(fault.hypothesis.name, fault.shape, fault.lasts, fault.size, least, judged.called, *off)
+        )
     return ConfusionMatrix(tuple(rows), experiment.not_shown, draws)
 
 
@@ -259,14 +262,14 @@ class Experiment:
         prior: Prior,
         draws: int,
         seed: int,
-        kinds: Sequence[Kind] = KINDS,
+        hypotheses: Sequence[Hypothesis] = HYPOTHESES,
     ) -> Experiment:
         """The same of a linear problem, its solution and its prior."""
         measurements = tuple(
             replace(one, t=problem.t[one.keyframe]) for one in problem.measurements
         )  # as the scan has them
         problem = replace(problem, measurements=measurements)
-        faults, not_shown = injected(problem, solution, kinds)
+        faults, not_shown = injected(problem, solution, hypotheses)
         together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
         chunks, moved = [], list[Array]()
         for shown, answer in _solved(problem, solution, prior, faults, draws, seed, together):
@@ -283,7 +286,7 @@ class Experiment:
 
     def judged(self, fault: int, size: float, cells: Sequence[Cells] | None = None) -> Judgement:
         """What a fault of some size is called; cells: those that are weighed, in place of all."""
-        kind, times = self.faults[fault].kind, len(self.faults[fault].onset)
+        hypothesis, times = self.faults[fault].hypothesis, len(self.faults[fault].onset)
         each = np.arange(self.draws)
         of_fault = self.draws + fault * times + each % times
         weighed = [
@@ -298,13 +301,13 @@ class Experiment:
                 for one, some in zip(weighed, counts, strict=True)
             ]
         )
-        kinds = [one.kind for one in weighed]
-        shares = probabilities_of_each(kinds, odds, harm)
-        either = probabilities_of_each(kinds, odds, np.ones_like(harm))
-        called = Counter(_called(kinds, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
+        hypotheses = [one.hypothesis for one in weighed]
+        shares = probabilities_of_each(hypotheses, odds, harm)
+        either = probabilities_of_each(hypotheses, odds, np.ones_like(harm))
+        called = Counter(_called(hypotheses, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
         return Judgement(
             {name: count / self.draws for name, count in called.most_common()},
-            float((shares[kind.side] >= priors.ACCUSED).mean()),
+            float((shares[hypothesis.side] >= priors.ACCUSED).mean()),
             counts,
         )
 
@@ -315,7 +318,7 @@ def _counts(one: Trial, best: Array) -> npt.NDArray[np.bool_]:
 
 
 def _called(
-    kinds: Sequence[Kind], fault_odds: Array, shares: Mapping[str, Array], either: Mapping[str, Array]
+    hypotheses: Sequence[Hypothesis], fault_odds: Array, shares: Mapping[str, Array], either: Mapping[str, Array]
 ) -> list[str]:
     """What each data set is called, from the log odds (H, D) of faults by hypothesis and the probability by side.
 
@@ -326,8 +329,8 @@ def _called(
         by_side, of_any = ({side: float(share[i]) for side, share in one.items()} for one in (shares, either))
         side, likely = max(by_side.items(), key=lambda pair: pair[1])
         if likely >= priors.ACCUSED and side != _NOBODY:
-            own = [h for h, kind in enumerate(kinds) if kind.side == side]
-            names.append(kinds[max(own, key=lambda h: fault_odds[h, i])].name)
+            own = [h for h, one in enumerate(hypotheses) if one.side == side]
+            names.append(hypotheses[max(own, key=lambda h: fault_odds[h, i])].name)
         elif likely >= priors.ACCUSED:
             names.append(_NOBODY)
         else:
@@ -356,25 +359,25 @@ def _cells(problem: Problem, solution: Solution, faults: Sequence[Fault]) -> lis
     grid = full_grid(problem, solution)
     width = float(np.diff(grid.cuts).max()) * num.INJECTED_CELL
     parts: list[Cells | None] = []
-    for kind in KINDS:
-        for shape in kind.shapes:
-            parts.append(on_cuts(problem, solution, grid, kind, shape))
-            parts.append(_exact(problem, solution, kind, shape, faults, width))
+    for hypothesis in HYPOTHESES:
+        for shape in hypothesis.shapes:
+            parts.append(on_cuts(problem, solution, grid, hypothesis, shape))
+            parts.append(_exact(problem, solution, hypothesis, shape, faults, width))
     return [*(one for one in parts if one is not None), *of_other_imus(problem)]
 
 
 def _exact(
-    problem: Problem, solution: Solution, kind: Kind, shape: str, faults: Sequence[Fault], width: float
+    problem: Problem, solution: Solution, hypothesis: Hypothesis, shape: str, faults: Sequence[Fault], width: float
 ) -> Cells | None:
     """A hypothesis at the very times of faults; None of what is tried at every keyframe, and of what tells nothing."""
-    at_every_keyframe = kind.side == "imu" and kind.error != "scale" and shape in ("step", "shock")
-    if at_every_keyframe or not kind.has_aiding(problem):
+    at_every_keyframe = hypothesis.side == "imu" and hypothesis.error != "scale" and shape in ("step", "shock")
+    if at_every_keyframe or not hypothesis.has_aiding(problem):
         return None
     ends = shape in ENDING
     times = {(a, b if ends else np.inf) for f in faults for a, b in zip(f.onset.tolist(), f.end.tolist(), strict=True)}
     onset, end = np.array(sorted(one for one in times if np.isfinite(one[1]) == ends)).reshape(-1, 2).T
     wide = np.full(len(onset), width)
-    return at_times(problem, solution, kind, shape, onset, end, wide, wide)
+    return at_times(problem, solution, hypothesis, shape, onset, end, wide, wide)
 
 
 def _off(x: Array) -> Array:

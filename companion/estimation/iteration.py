@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.constants import num
 from companion.estimation.aiding_sensors import SLOW
-from companion.estimation.choice import Choice
+from companion.estimation.candidate import Candidate
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
@@ -138,7 +138,7 @@ def start_of(setup: Setup, guess: States) -> Start:
 def estimate(
     setup: Setup,
     start: Start,
-    accepted: Sequence[Choice] = (),
+    accepted: Sequence[Candidate] = (),
     limits: Mapping[str, tuple[float, float]] | None = None,
     *,
     white: bool = False,

@@ -17,7 +17,7 @@ import numpy as np
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.block_tridiagonal import roots
-from companion.estimation.explanations import KINDS
+from companion.estimation.hypotheses import HYPOTHESES
 from companion.estimation.linearisation import Linear
 from companion.estimation.low_pass import BoolArray
 from companion.estimation.model import (
@@ -36,7 +36,7 @@ from companion.strapdown import MOVED, quaternion
 START = ProcessNoise(**num.FIRST_PROCESS_NOISE)
 
 
-_ALONE = {kind.name: kind for kind in KINDS if kind.name in SENSORS}
+_ALONE = {hypothesis.name: hypothesis for hypothesis in HYPOTHESES if hypothesis.name in SENSORS}
 """Aiding sensor → what is wrong with it where it alone is off by so much."""
 
 
@@ -93,10 +93,10 @@ def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) 
     nominal = {one.name: float(np.median(one.sigma)) for one in setup.readings}
     limits = {}
     for one in linear.measurements:
-        kind = _ALONE.get(one.name)
-        if kind is None or len(one.t) < num.NOISE_STRETCHES:
+        hypothesis = _ALONE.get(one.name)
+        if hypothesis is None or len(one.t) < num.NOISE_STRETCHES:
             continue
-        in_order = max(kind.least, kind.least_slow) / 3.0
+        in_order = max(hypothesis.least, hypothesis.least_slow) / 3.0
         steps = np.diff(measurement_residual(one, linear.solution), n=2, axis=0) / np.sqrt(6.0)
         shown = 1.4826 * float(np.median(np.abs(steps)))  # σ of what is normal, whatever a few steps are
         if scale[one.name] * nominal[one.name] > max(in_order, num.AIDING_SCATTERS * shown):
@@ -190,7 +190,7 @@ def _further(step: float, before: Change | None) -> Change:
     end. A step that is as far as a series leads begins none.
     """
     ratio = step / before.size if before is not None and before.plain and before.size else 0.0
-    goes_on = num.SERIES_RATIO < abs(ratio) and ratio > -1.0
+    goes_on = abs(ratio) > num.SERIES_RATIO and ratio > -1.0
     times = min(1.0 / max(1.0 - ratio, 1e-9), num.SERIES_MAX_STEPS) if goes_on else 1.0
     return Change(float(np.clip(times * step, -num.SERIES_MAX_LOG, num.SERIES_MAX_LOG)), not goes_on)
 

@@ -11,8 +11,8 @@ import numpy as np
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
-from companion.estimation.choice import Choice, with_choice
-from companion.estimation.explanations import Problem
+from companion.estimation.candidate import Candidate, with_candidate
+from companion.estimation.hypotheses import Problem
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -108,7 +108,7 @@ def linearise(
     scale: Mapping[str, float],
     weights: Mapping[str, Array],
     slow: Mapping[str, float],
-    accepted: Sequence[Choice] = (),
+    accepted: Sequence[Candidate] = (),
     *,
     sizes: Array = _NOTHING,
 ) -> Linear:
@@ -151,8 +151,8 @@ def linearise(
         setup.others,
     )  # fmt: skip
     prior = _prior(setup, states, slow)
-    for choice in accepted:
-        problem, prior = with_choice(problem, prior, choice)
+    for candidate in accepted:
+        problem, prior = with_candidate(problem, prior, candidate)
     _predict(setup, path, states, problem.motion, shift, sizes)
     return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
 

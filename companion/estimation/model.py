@@ -119,7 +119,7 @@ class States:
 class Rival:
     """One hypothesis in the place of a cause that was found, weighed at the same noise as all others there."""
 
-    kind: str  # of `explanations.KINDS`
+    kind: str  # of `hypotheses.HYPOTHESES`
     shape: str
     log_odds: float  # natural logarithm of its posterior odds against nothing
     fault: float  # probability, if it occurred, that its size is harmful
@@ -135,7 +135,7 @@ class Rival:
 class Identifiability:
     """One kind of fault in the middle of a flight: what it is called, and what it does while it is not found."""
 
-    kind: str  # of `explanations.KINDS`
+    kind: str  # of `hypotheses.HYPOTHESES`
     shape: str  # "step", or "creep"
     lasts: float  # s, that it grows for; 0 for a step
     detectable: float  # in the kind's unit, of a creep at its end: the size that is found in 95 % of flights like this
@@ -164,7 +164,7 @@ class ConfusionMatrix:
 class Explained:
     """One thing that changed during the flight, with its size, and what else it could have been."""
 
-    kind: str  # of `explanations.KINDS`
+    kind: str  # of `hypotheses.HYPOTHESES`
     shape: str  # "step", "pulse" (to its end), "ramp", "creep" (a ramp to its end), "shock"
     onset: float  # s, boot clock
     onset_sigma: float  # s

@@ -21,16 +21,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import num
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
-from companion.estimation.explanations import KINDS, Kind, Problem, Signature, kind_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem, Signature, hypothesis_of
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.system import Index, Solution, applied, measurement_residual, motion_residual
 from companion.model import Array
 
 
-def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
+def jumps(problem: Problem, solution: Solution, hypothesis: Hypothesis) -> Array:
     """(J,) s: times at which the readings of an aiding sensor step against the estimate, the largest first."""
-    signature = kind.signature(problem)
+    signature = hypothesis.signature(problem)
     one = problem.measurement(next(iter(signature.measurements), "")) if signature is not None else None
     if one is None or len(one.t) < 10:
         return np.zeros(0)
@@ -104,24 +104,30 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
 
 
 def score(
-    problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array | None = None
+    problem: Problem, solution: Solution, hypothesis: Hypothesis, shape: str, onset: Array, end: Array | None = None
 ) -> tuple[Array, Array] | None:
     """The gradient b (T, m) and the information V (T, m, m) of a kind and shape from onsets (T,) to ends (T,) s.
 
     Of D data sets, see `Solution.redrawn`, b is (T, m, D). None where the flight has nothing that it would change.
     """
     end = np.full(len(onset), np.inf) if end is None else end
-    signature = kind.of(problem)
+    signature = hypothesis.of(problem)
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
     return _gradient_and_information(
-        solution, factors, kind, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t))
+        solution, factors, hypothesis, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t))
     )
 
 
 def _gradient_and_information(
-    solution: Solution, factors: Sequence[Factors], kind: Kind, shape: str, onset: Array, end: Array, together: int
+    solution: Solution,
+    factors: Sequence[Factors],
+    hypothesis: Hypothesis,
+    shape: str,
+    onset: Array,
+    end: Array,
+    together: int,
 ) -> tuple[Array, Array]:
     """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s.
 
@@ -132,7 +138,7 @@ def _gradient_and_information(
     tries, pieces = len(onset), len(moments) - 1
     if pieces > together and tries > 1:
         halves = (
-            _gradient_and_information(solution, factors, kind, shape, onset[part], end[part], together)
+            _gradient_and_information(solution, factors, hypothesis, shape, onset[part], end[part], together)
             for part in (slice(tries // 2), slice(tries // 2, None))
         )
         b, v = (np.concatenate(one) for one in zip(*halves, strict=True))
@@ -143,7 +149,7 @@ def _gradient_and_information(
     border = np.zeros((solution.border.shape[2], pieces, m))
     b, v = np.zeros((pieces, *factors[0].b.shape[1:])), np.zeros((tries, m, m))
     for one in factors:
-        share = activation(kind.shape_at(one.measured, shape), moments[:-1], moments[1:], one.start, one.stop)
+        share = activation(hypothesis.shape_at(one.measured, shape), moments[:-1], moments[1:], one.start, one.stop)
         b += np.tensordot(share, one.b, axes=1)
         v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)
@@ -173,7 +179,7 @@ class Scan:
         """
         if kind not in self.columns or not len(onset):
             return None
-        row = kind_of(kind)
+        row = hypothesis_of(kind)
         end = np.full(len(onset), len(self.cuts)) if end is None else end
         b, v = self.columns[kind]
         groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.integrated[:1])]
@@ -194,10 +200,10 @@ class Scan:
 
 
 def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
-    """Everything of KINDS that the flight has something to say of, between cuts into at most so many stretches."""
+    """Everything of HYPOTHESES that the flight has something to say of, between cuts into at most so many stretches."""
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
-    signatures = [(kind, whole) for kind in KINDS if (whole := kind.of(problem)) is not None]
+    signatures = [(hypothesis, whole) for hypothesis in HYPOTHESES if (whole := hypothesis.of(problem)) is not None]
     columns: dict[str, tuple[Array, Array]] = {}
     together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):
@@ -206,34 +212,37 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
 
 
 def _columns_of(
-    problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Kind, Signature]
+    problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Hypothesis, Signature]
 ) -> dict[str, tuple[Array, Array]]:
     """The columns of some kinds; cuts (S,) s, the beginnings of stretches of so many keyframes."""
-    columns = {kind: (1 + bool(kind.integrated)) * kind.basis_order for kind in signatures}
+    columns = {hypothesis: (1 + bool(hypothesis.integrated)) * hypothesis.basis_order for hypothesis in signatures}
     stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
     places, at = {}, 0
-    for kind, whole in signatures.items():
+    for hypothesis, whole in signatures.items():
         m = whole.unknowns
         for factors in changed(problem, solution, whole):
             stack.add(
-                factors, cuts, at + kind.basis_order * m * (factors.measured in kind.integrated), kind.basis_order
+                factors,
+                cuts,
+                at + hypothesis.basis_order * m * (factors.measured in hypothesis.integrated),
+                hypothesis.basis_order,
             )
-        places[kind] = slice(at, at + columns[kind] * m)
-        at = places[kind].stop
+        places[hypothesis] = slice(at, at + columns[hypothesis] * m)
+        at = places[hypothesis].stop
     beside = stack.beside_constants(solution)
     inside, at_cuts, inverse = _eliminated(solution, stack, places.values())
     known = solution.constants_covariance
     out = {}
-    for (kind, place), taken in zip(places.items(), inside, strict=True):
+    for (hypothesis, place), taken in zip(places.items(), inside, strict=True):
         r, own = at_cuts[:, :, place], beside[:, :, place]
         v = -(r.swapaxes(-1, -2)[:, None] @ (inverse @ r[None]))  # (S, S, p, p)
         v -= own.swapaxes(-1, -2)[:, None] @ (known @ own)[None]
         each = np.arange(len(cuts))
         v[each, each] += stack.v[:, place, place] - taken
-        shape = (len(cuts), columns[kind], -1)
-        m = signatures[kind].unknowns
+        shape = (len(cuts), columns[hypothesis], -1)
+        m = signatures[hypothesis].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
-        out[kind.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
+        out[hypothesis.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
     return out
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from companion.constants import num
 from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
-from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem, hypothesis_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
 from companion.estimation.scan import Scan, jumps, scan, score, velocity_impulses
 from companion.estimation.shapes import ENDING
@@ -28,7 +28,7 @@ _AT_EVERY_KEYFRAME = {
 class Cells:
     """One hypothesis in one shape at T pairs of times, what its score is there, and the cells that they stand for."""
 
-    kind: Kind
+    hypothesis: Hypothesis
     shape: str
     onset: Array  # (T,) s
     end: Array  # (T,) s, of what ends; infinite for what stays
@@ -45,8 +45,8 @@ class Cells:
     def weighed(self, problem: Problem, b: Array | None = None) -> Trial:
         """The evidence; b: in place of its own, of D data sets (T, m, D)."""
         span, times = (float(problem.t[0]), float(problem.t[-1])), (self.onset, self.end, self.weight)
-        aliased = None if self.imu is not None else problem.aliased.get(self.kind.name)
-        return trial(self.kind, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
+        aliased = None if self.imu is not None else problem.aliased.get(self.hypothesis.name)
+        return trial(self.hypothesis, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
 
 
 def full_grid(problem: Problem, solution: Solution) -> Scan:
@@ -59,9 +59,9 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
     grid = full_grid(problem, solution)
     every = [
         one
-        for kind in KINDS
-        for shape in kind.shapes
-        if (one := _on_the_grid(problem, solution, grid, kind, shape)) is not None
+        for hypothesis in HYPOTHESES
+        for shape in hypothesis.shapes
+        if (one := _on_the_grid(problem, solution, grid, hypothesis, shape)) is not None
     ]
     every.sort(key=lambda one: -one.log_bayes.max())
     least = max(num.REFINED_OF_BEST * every[0].log_bayes.max(), num.REFINED_LOG_BAYES) if every else 0.0
@@ -84,29 +84,31 @@ def times_of_change(t: Array) -> tuple[float, float]:
     return begin + margin, max(begin + margin, float(t[-2]))
 
 
-def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Trial | None:
+def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypothesis, shape: str) -> Trial | None:
     """A kind and shape at the cuts of the grid, and where its readings step."""
-    parts = [on_cuts(problem, solution, grid, kind, shape)]
-    if kind.has_aiding(problem) and kind.side != "imu" and shape in ("step", "pulse"):
+    parts = [on_cuts(problem, solution, grid, hypothesis, shape)]
+    if hypothesis.has_aiding(problem) and hypothesis.side != "imu" and shape in ("step", "pulse"):
         first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
-        sudden = np.sort(velocity_impulses(problem, solution) if kind.integrated else jumps(problem, solution, kind))
+        sudden = np.sort(
+            velocity_impulses(problem, solution) if hypothesis.integrated else jumps(problem, solution, hypothesis)
+        )
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
-        lasts = end - begin >= num.PULSE_MIN_S[kind.side]
+        lasts = end - begin >= num.PULSE_MIN_S[hypothesis.side]
         width = np.full(int(lasts.sum()), float(np.median(np.diff(problem.t))))
-        parts.append(at_times(problem, solution, kind, shape, begin[lasts], end[lasts], width, width))
+        parts.append(at_times(problem, solution, hypothesis, shape, begin[lasts], end[lasts], width, width))
     weighed = [one.weighed(problem) for one in parts if one is not None]
     return joined(weighed) if weighed else None
 
 
-def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Cells | None:
+def on_cuts(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypothesis, shape: str) -> Cells | None:
     """A kind and shape at the cuts of the grid, or at every keyframe; None where the flight tells nothing of it."""
-    if not kind.has_aiding(problem):
+    if not hypothesis.has_aiding(problem):
         return None
     t = problem.t
     first, last = times_of_change(t)
-    if (kind.name, shape) in _AT_EVERY_KEYFRAME:
-        block = _AT_EVERY_KEYFRAME[kind.name, shape]
+    if (hypothesis.name, shape) in _AT_EVERY_KEYFRAME:
+        block = _AT_EVERY_KEYFRAME[hypothesis.name, shape]
         e, d = solution.disturbances
         onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
         judged = (onset >= first) & (onset <= last)
@@ -117,14 +119,14 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape:
         times = onset[judged], never[judged], weight[judged]
         own = np.diagonal(solution.motion.weight, axis1=1, axis2=2)[judged, block]
         scores = _beyond_rounding(-e[judged, block], d[judged, block, block], own.max(axis=1))
-        return _scored(problem, kind, shape, times, scores)
+        return _scored(problem, hypothesis, shape, times, scores)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     begin, end = inside, None
     if shape in ENDING:
         begin, end = _pairs(inside)
-        lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[kind.side]
+        lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[hypothesis.side]
         begin, end = begin[lasts], end[lasts]
-    return _cells(problem, grid, kind, shape, begin, end)
+    return _cells(problem, grid, hypothesis, shape, begin, end)
 
 
 def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
@@ -139,46 +141,57 @@ def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
     return np.einsum("tij,tj...->ti...", kept @ inverse, b), kept * value[:, None, :] @ inverse
 
 
-def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Cells | None:
+def _cells(
+    problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str, onset: Any, end: Any = None
+) -> Cells | None:
     """At cuts of the grid by their numbers."""
-    scores = grid.score(kind.name, shape, onset, end)
+    scores = grid.score(hypothesis.name, shape, onset, end)
     if scores is None:
         return None
     width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
     begin = grid.cuts[onset]
     final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
-    return _scored(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
+    return _scored(problem, hypothesis, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
 
 
 def at_times(
-    problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array, wide: Array, long: Array
+    problem: Problem,
+    solution: Solution,
+    hypothesis: Hypothesis,
+    shape: str,
+    onset: Array,
+    end: Array,
+    wide: Array,
+    long: Array,
 ) -> Cells | None:
     """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
-    scores = score(problem, solution, kind, shape, onset, end) if len(onset) else None
+    scores = score(problem, solution, hypothesis, shape, onset, end) if len(onset) else None
     if scores is None:
         return None
-    return _scored(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
+    return _scored(problem, hypothesis, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
 
 
 def _scored(
-    problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
+    problem: Problem, hypothesis: Hypothesis, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
 ) -> Cells:
     """With what the other IMUs tell of it too."""
-    rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
+    rougher = problem.rougher.get(hypothesis.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
-    if kind.side == "imu" and problem.others:
-        gradient, information = score_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
+    if hypothesis.side == "imu" and problem.others:
+        gradient, information = score_of_own(
+            problem.others, hypothesis.sensor, hypothesis.error, shape, times[0], times[1]
+        )
         b, v = b + gradient, v + information
-    return Cells(kind, shape, *times, b, v)
+    return Cells(hypothesis, shape, *times, b, v)
 
 
 def of_other_imus(problem: Problem) -> tuple[Cells, ...]:
     """What may be wrong with every other IMU than the estimate's."""
-    kinds = [(kind, shape) for kind in KINDS if kind.apart for shape in kind.shapes]
-    return tuple(_of_another(problem, one, *which) for one in problem.others for which in kinds)
+    hypotheses = [(hypothesis, shape) for hypothesis in HYPOTHESES if hypothesis.apart for shape in hypothesis.shapes]
+    return tuple(_of_another(problem, one, *which) for one in problem.others for which in hypotheses)
 
 
-def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> Cells:
+def _of_another(problem: Problem, one: Differences, hypothesis: Hypothesis, shape: str) -> Cells:
     """An error of another IMU, that begins and ends within blocks of its differences."""
     times = np.linspace(one.t[0], one.t[-1], num.ONSETS_PER_BLOCK * len(one.t))
     apart = float(times[1] - times[0])
@@ -191,8 +204,8 @@ def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> C
     else:
         onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
     weight = _weight(problem, onset, end, width, width)
-    scores = one.score(kind.sensor, kind.error, shape, onset, end)
-    return Cells(kind, shape, onset, end, weight, *scores, imu=one.instance)
+    scores = one.score(hypothesis.sensor, hypothesis.error, shape, onset, end)
+    return Cells(hypothesis, shape, onset, end, weight, *scores, imu=one.instance)
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
@@ -214,7 +227,7 @@ def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]
 
 def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Trial:
     """The trial on a grid that is finer about its peak, in some rounds."""
-    if (one.kind.name, one.shape) in _AT_EVERY_KEYFRAME or len(grid.cuts) < 2:
+    if (one.hypothesis.name, one.shape) in _AT_EVERY_KEYFRAME or len(grid.cuts) < 2:
         return one
     first, last = times_of_change(problem.t)
     step = 0.5 * float(np.diff(grid.cuts).max())
@@ -228,12 +241,12 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
         if np.isfinite(final):
             onset, end = (x.ravel() for x in np.meshgrid(begin + shift, final + shift))
             near &= np.abs(one.end - final) <= reach
-        right = (onset >= first) & (onset <= last) & (end > onset + num.PULSE_MIN_S[one.kind.side])
+        right = (onset >= first) & (onset <= last) & (end > onset + num.PULSE_MIN_S[one.hypothesis.side])
         right &= ~np.isfinite(end) | (end <= last)
         if not right.any():
             return one
         cell = np.full(int(right.sum()), width)
-        scored = at_times(problem, solution, one.kind, one.shape, onset[right], end[right], cell, cell)
+        scored = at_times(problem, solution, one.hypothesis, one.shape, onset[right], end[right], cell, cell)
         if scored is None:
             return one
         fine = scored.weighed(problem)
@@ -243,7 +256,7 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
 
 
 def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
-    """Kind → the smallest that would have been accused in 95 % of flights like this, in the middle of it.
+    """Hypothesis → the smallest that would have been accused in 95 % of flights like this, in the middle of it.
 
     Of an IMU's bias a step, of an aiding sensor what `num.CREEPS` says; in the kind's unit.
     """
@@ -256,17 +269,17 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     cell = float(np.median(np.diff(t))) / max(last - first, num.CHANGE_MIN_S)
     _, d = solution.disturbances
     for (name, shape), block in _AT_EVERY_KEYFRAME.items():
-        kind = kind_of(name)
-        if shape != "step" or not kind.has_aiding(problem):
+        hypothesis = hypothesis_of(name)
+        if shape != "step" or not hypothesis.has_aiding(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
-        sizes = least_found(known, kind, shape, hours, cell)
+        sizes = least_found(known, hypothesis, shape, hours, cell)
         smallest[name] = float(np.median(sizes))
     for name, lasts in num.CREEPS.items():
-        kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
-        scores = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
+        hypothesis, onset = hypothesis_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
+        scores = score(problem, solution, hypothesis, "creep", onset, onset + lasts) if onset[0] >= first else None
         if scores is not None:
             known = np.linalg.eigvalsh(scores[1][0])[:1]
-            rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
+            rate = least_found(np.maximum(known, 1e-300), hypothesis, "creep", hours, cell, lasts)
             smallest[name] = lasts * float(rate[0])
     return smallest

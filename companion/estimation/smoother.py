@@ -15,10 +15,10 @@ import numpy as np
 
 from companion.constants import num, priors
 from companion.estimation.aiding_sensors import SENSORS
-from companion.estimation.choice import Choice, beside, explained
+from companion.estimation.candidate import Candidate, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
-from companion.estimation.explanations import Problem
+from companion.estimation.hypotheses import Problem
 from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, noise_limits, persistent_limits, scatter
@@ -97,19 +97,19 @@ def explain(
 
     starts: where the iteration may begin: at the first, and where the IMU does not fit then, at that which fits best.
     """
-    accepted: list[Choice] = []
+    accepted: list[Candidate] = []
     rivals: list[tuple[Rival, ...]] = []
     shown = scatter(setup)
     start, settled, linear = _begun(setup, starts, shown)
     further: tuple[Rival, ...] = ()
     while len(accepted) < most_causes:
-        cause = next_cause(setup, start, settled, linear, accepted, shown)
-        if isinstance(cause, Cause):
-            accepted.append(cause.choice)
-            rivals.append(cause.rivals)
-            setup, settled, linear = cause.setup, cause.settled, cause.linear
+        adaptation = next_adaptation(setup, start, settled, linear, accepted, shown)
+        if isinstance(adaptation, Adaptation):
+            accepted.append(adaptation.candidate)
+            rivals.append(adaptation.rivals)
+            setup, settled, linear = adaptation.setup, adaptation.settled, adaptation.linear
         else:
-            further = cause
+            further = adaptation
             break
     if any(one.imu is None for one in accepted):  # each was tried for some passes alone
         settled, linear = estimate(setup, settled, accepted)
@@ -130,19 +130,24 @@ def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) ->
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cause:
+class Adaptation:
     """A hypothesis with the estimate that has it, and every hypothesis in its place at the same noise."""
 
-    choice: Choice
+    candidate: Candidate
     setup: Setup
     settled: Start
     linear: Linear
     rivals: tuple[Rival, ...] = ()
 
 
-def next_cause(
-    setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
-) -> Cause | tuple[Rival, ...]:
+def next_adaptation(
+    setup: Setup,
+    start: Start,
+    settled: Start,
+    linear: Linear,
+    accepted: Sequence[Candidate],
+    shown: tuple[float, float],
+) -> Adaptation | tuple[Rival, ...]:
     """The likeliest further cause with its rivals; the rivals alone where none is likelier than not.
 
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
@@ -155,30 +160,32 @@ def next_cause(
         _, believed = estimate(setup, start, accepted, limits, white=True)
         candidates |= _candidates(trials(believed.problem, believed.solution))
     tried, weighed = _tried(setup, begin, accepted, candidates.values())
-    weighed = weighed or [Choice.of_trial(one) for one in usual]
+    weighed = weighed or [Candidate.of_trial(one) for one in usual]
     rivals = tuple(one.rival for one in weighed)
     impossible = set[str]()
-    for best in (one for one in weighed if one.kind.name not in impossible):
+    for best in (one for one in weighed if one.hypothesis.name not in impossible):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
         if best.imu is not None:  # nothing of the estimate changes
             other = replace(linear, problem=beside(linear.problem, best))
-            return Cause(best, setup, settled, other, rivals)
-        same = [one for one in tried if one.choice.name == best.name]
+            return Adaptation(best, setup, settled, other, rivals)
+        same = [one for one in tried if one.candidate.name == best.name]
         if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
-            return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
-        impossible.add(best.kind.name)
+            return replace(
+                own, rivals=rivals, candidate=replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
+            )
+        impossible.add(best.hypothesis.name)
     return _likeliest_faults(rivals)
 
 
 def _tried(
-    setup: Setup, begin: Start, accepted: Sequence[Choice], candidates: Iterable[Choice]
-) -> tuple[list[Cause], list[Choice]]:
+    setup: Setup, begin: Start, accepted: Sequence[Candidate], candidates: Iterable[Candidate]
+) -> tuple[list[Adaptation], list[Candidate]]:
     """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
 
     The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
     """
-    tried, weighed = list[Cause](), list[Choice]()
+    tried, weighed = list[Adaptation](), list[Candidate]()
     left = sorted(candidates, key=lambda one: one.log_odds)
     while left:
         if (one := _with(setup, begin, accepted, left.pop())) is None:
@@ -189,19 +196,19 @@ def _tried(
         tried.insert(0, one)
         weighed = _weighed(setup, one, accepted)
         odds = {other.name: other.log_odds for other in reversed(weighed)}
-        own = odds.get(one.choice.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
+        own = odds.get(one.candidate.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
         if all(own > odds.get(other.name, num.LOG_ZERO) for other in left):
             break
     return tried, weighed
 
 
-def _weighed(setup: Setup, cause: Cause, accepted: Sequence[Choice]) -> list[Choice]:
-    """Every hypothesis in the place of a cause, at its noise, the likeliest first."""
-    problem, solution = _without_the_last(setup, cause, accepted)
-    problem = replace(problem, rougher=local_noise(cause.linear, cause.choice))
-    weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
-    if cause.choice.taken:
-        weighed = [_as_moved(one, cause) if one.name == cause.choice.name else one for one in weighed]
+def _weighed(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> list[Candidate]:
+    """Every hypothesis in the place of the candidate, at its noise, the likeliest first."""
+    problem, solution = _without_the_last(setup, adaptation, accepted)
+    problem = replace(problem, rougher=local_noise(adaptation.linear, adaptation.candidate))
+    weighed = [Candidate.of_trial(one) for one in trials(problem, solution)]
+    if adaptation.candidate.taken:
+        weighed = [_as_moved(one, adaptation) if one.name == adaptation.candidate.name else one for one in weighed]
         weighed.sort(key=lambda one: -one.log_odds)
     return weighed
 
@@ -211,68 +218,68 @@ def _likeliest_faults(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
-def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], Choice]:
+def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], Candidate]:
     """The likeliest hypothesis of the IMU and of an aiding sensor, where they may be worth an estimate of their own."""
-    chosen: dict[bool, Choice] = {}
+    chosen: dict[bool, Candidate] = {}
     for one in weighed:
         if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
-            chosen.setdefault(one.kind.side == "imu", Choice.of_trial(one))
-    return {choice.name: choice for choice in chosen.values()}
+            chosen.setdefault(one.hypothesis.side == "imu", Candidate.of_trial(one))
+    return {candidate.name: candidate for candidate in chosen.values()}
 
 
 def _doubted_noise(
-    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
+    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Candidate], shown: tuple[float, float]
 ) -> Iterator[dict[str, tuple[float, float]]]:
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
-    if settled.noise.contradicts(shown) and not any(one.kind.side == "imu" for one in accepted):
+    if settled.noise.contradicts(shown) and not any(one.hypothesis.side == "imu" for one in accepted):
         yield believing(noise_limits(setup), shown)
     if limited := persistent_limits(setup, settled.scale, linear):
         yield noise_limits(setup) | limited
 
 
-def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> Cause | None:
+def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:
     """The estimate with one more hypothesis; None for what cannot be."""
-    possible = time_shifted(setup, start, accepted, choice)
+    possible = time_shifted(setup, start, accepted, candidate)
     if possible is None:
         return None
     settled, linear = possible.estimated or estimate(
-        possible.setup, start, [*accepted, possible.choice], passes=num.TRIAL_PASSES
+        possible.setup, start, [*accepted, possible.candidate], passes=num.TRIAL_PASSES
     )
-    last = possible.choice.of(linear.problem)
+    last = possible.candidate.of(linear.problem)
     size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
-    if possible.choice.shape not in SLOPED and (np.abs(size) > choice.kind.most).any():
+    if possible.candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.most).any():
         return None
-    return Cause(possible.choice, possible.setup, settled, linear)
+    return Adaptation(possible.candidate, possible.setup, settled, linear)
 
 
-def _without_the_last(setup: Setup, cause: Cause, accepted: Sequence[Choice]) -> tuple[Problem, Solution]:
+def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> tuple[Problem, Solution]:
     """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
-    if not cause.choice.taken:
-        return without(setup, cause.linear, [*accepted, cause.choice], len(accepted))
-    settled = cause.settled
+    if not adaptation.candidate.taken:
+        return without(setup, adaptation.linear, [*accepted, adaptation.candidate], len(accepted))
+    settled = adaptation.settled
     path = carried(setup, settled.states, settled.path)
-    linear = linearise(setup, path, settled.states, cause.linear.noise, settled.scale, {}, settled.slow, accepted)
+    linear = linearise(setup, path, settled.states, adaptation.linear.noise, settled.scale, {}, settled.slow, accepted)
     return linear.problem, linear.solution
 
 
-def _as_moved(choice: Choice, cause: Cause) -> Choice:
+def _as_moved(candidate: Candidate, adaptation: Adaptation) -> Candidate:
     """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
 
     Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first order.
     """
-    solution, moved = cause.linear.solution, cause.choice
+    solution, moved = adaptation.linear.solution, adaptation.candidate
     variance = float(solution.constants_covariance[-1, -1])
     size = float(solution.c[-1]) + moved.taken
-    moved_odds = 0.5 * (size**2 / variance + np.log(variance / choice.kind.prior**2))
+    moved_odds = 0.5 * (size**2 / variance + np.log(variance / candidate.hypothesis.prior**2))
     return replace(
-        choice, log_odds=max(choice.log_odds, moved.log_odds, moved_odds), fault=max(choice.fault, moved.fault)
+        candidate, log_odds=max(candidate.log_odds, moved.log_odds, moved_odds), fault=max(candidate.fault, moved.fault)
     )
 
 
-def without(setup: Setup, linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:
+def without(setup: Setup, linear: Linear, accepted: Sequence[Candidate], one: int) -> tuple[Problem, Solution]:
     """The problem without one of the hypotheses that it has, at the same states and noise, and its solution."""
     problem, prior = linear.problem, linear.prior
-    widths = [0 if (s := choice.of(problem)) is None else s.unknowns for choice in accepted]
+    widths = [0 if (s := candidate.of(problem)) is None else s.unknowns for candidate in accepted]
     first = CONSTANT_STATES + sum(widths[:one])
     keep = np.delete(np.arange(len(prior.constants_sigma)), np.arange(first, first + widths[one]))
     motion = replace(problem.motion, constants=problem.motion.constants[..., keep])
@@ -281,21 +288,21 @@ def without(setup: Setup, linear: Linear, accepted: Sequence[Choice], one: int) 
         prior, constants_residual=prior.constants_residual[keep], constants_sigma=prior.constants_sigma[keep]
     )
     left = replace(problem, motion=motion, measurements=measurements, others=setup.others)
-    for choice in (*accepted[:one], *accepted[one + 1 :]):
-        left = beside(left, choice)
+    for candidate in (*accepted[:one], *accepted[one + 1 :]):
+        left = beside(left, candidate)
     return left, solve(len(problem.t), motion, measurements, prior)
 
 
-def _rivals(setup: Setup, linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival, ...]:
+def _rivals(setup: Setup, linear: Linear, accepted: Sequence[Candidate], one: int) -> tuple[Rival, ...]:
     """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
     if accepted[one].taken:
         return ()
     problem, solution = without(setup, linear, accepted, one)
     problem = replace(problem, rougher=local_noise(linear, accepted[one]))
-    return tuple(Choice.of_trial(other).rival for other in trials(problem, solution))
+    return tuple(Candidate.of_trial(other).rival for other in trials(problem, solution))
 
 
-def local_noise(linear: Linear, choice: Choice) -> dict[str, float]:
+def local_noise(linear: Linear, candidate: Candidate) -> dict[str, float]:
     """Times by which gyro and accelerometer scatter more about a cause than in the whole flight: variances, 1 or more.
 
     Of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher, as by
@@ -304,7 +311,7 @@ def local_noise(linear: Linear, choice: Choice) -> dict[str, float]:
     """
     e, d = linear.solution.disturbances
     t, own = linear.problem.t, np.diagonal(d, axis1=1, axis2=2)
-    within = (t[1:] > choice.onset - num.ROUGH_STRETCH_S) & (t[:-1] < choice.end)
+    within = (t[1:] > candidate.onset - num.ROUGH_STRETCH_S) & (t[:-1] < candidate.end)
 
     def ratio(block: slice) -> float:
         unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)
@@ -317,7 +324,7 @@ def _result(
     setup: Setup,
     settled: Start,
     linear: Linear,
-    accepted: Sequence[Choice],
+    accepted: Sequence[Candidate],
     rivals: Sequence[tuple[Rival, ...]],
     shown: tuple[float, float],
 ) -> BestEstimate:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.constants import num
-from companion.estimation.choice import Choice
+from companion.estimation.candidate import Candidate
 from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.search import times_of_change
@@ -28,64 +28,64 @@ Limits = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeShifted:
-    """The readings at the times that they speak of if a choice is right, and the choice so found."""
+    """The readings at the times that they speak of if a candidate is right, and the candidate so found."""
 
     setup: Setup
-    choice: Choice
+    candidate: Candidate
     estimated: tuple[Start, Linear] | None = None  # of both, where that was needed to find them
 
 
 def time_shifted(
-    setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
+    setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate, limits: Limits | None = None
 ) -> TimeShifted | None:
-    """The problem with the readings where a choice puts them.
+    """The problem with the readings where a candidate puts them.
 
-    As it is where the choice moves no readings in time, or its size does not settle; None where readings would speak of
-    what has not happened yet. limits: of the densities of the IMU, see `estimate`.
+    As it is where the candidate moves no readings in time, or its size does not settle; None where readings would
+    speak of what has not happened yet. limits: of the densities of the IMU, see `estimate`.
     """
-    if not choice.kind.time_shifts:
-        return TimeShifted(setup, choice)
-    linearly, moved, settled = choice, setup, start
+    if not candidate.hypothesis.time_shifts:
+        return TimeShifted(setup, candidate)
+    linearly, moved, settled = candidate, setup, start
     for searched in (False, True):
         for _ in range(num.LATENCY_ROUNDS):
-            settled, linear = estimate(moved, start, [*accepted, choice], limits)
+            settled, linear = estimate(moved, start, [*accepted, candidate], limits)
             further = float(linear.solution.c[-1])
             if abs(further) < num.LATENCY_CONVERGED_S:
                 break
-            choice = replace(choice, taken=choice.taken + further)
-            if choice.taken < -float(settled.states.constant("gps_latency")[0]):
+            candidate = replace(candidate, taken=candidate.taken + further)
+            if candidate.taken < -float(settled.states.constant("gps_latency")[0]):
                 return None
-            moved = _moved(setup, choice)
+            moved = _moved(setup, candidate)
         else:
             return TimeShifted(setup, linearly)
-        if searched or choice.shape != "step" or abs(choice.taken) < num.LATENCY_SEARCHED_S:
+        if searched or candidate.shape != "step" or abs(candidate.taken) < num.LATENCY_SEARCHED_S:
             break
-        choice = _with_onset(setup, settled, accepted, choice)
-        moved = _moved(setup, choice)
-    return TimeShifted(moved, choice, (settled, linear))
+        candidate = _with_onset(setup, settled, accepted, candidate)
+        moved = _moved(setup, candidate)
+    return TimeShifted(moved, candidate, (settled, linear))
 
 
-def _moved(setup: Setup, choice: Choice) -> Setup:
-    """The readings at the times that they speak of, while the choice is at work."""
-    onset, end = np.array([choice.onset]), np.array([choice.end])
+def _moved(setup: Setup, candidate: Candidate) -> Setup:
+    """The readings at the times that they speak of, while the candidate is at work."""
+    onset, end = np.array([candidate.onset]), np.array([candidate.end])
     readings = tuple(
-        one.later(choice.taken * activation(choice.shape, onset, end, one.t, one.t)[0], setup.t)
-        if one.name in choice.kind.time_shifts
+        one.later(candidate.taken * activation(candidate.shape, onset, end, one.t, one.t)[0], setup.t)
+        if one.name in candidate.hypothesis.time_shifts
         else one
         for one in setup.readings
     )
     return replace(setup, readings=readings)
 
 
-def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice: Choice) -> Choice:
-    """The choice from when on the readings fit best, its size known, at the noise that was learned."""
+def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Candidate:
+    """The candidate from when on the readings fit best, its size known, at the noise that was learned."""
     states, path = settled.states, carried(setup, settled.states, settled.path)
 
     def misfits(onsets: Array) -> Array:
         """Each less what as many readings leave that fit: some may be moved out of the flight."""
         excess = []
         for onset in onsets:
-            one = replace(choice, onset=float(onset))
+            one = replace(candidate, onset=float(onset))
             linear = linearise(
                 _moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one]
             )
@@ -104,4 +104,4 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
     best = float(onsets[np.argmin(left)])
     likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
     sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
-    return replace(choice, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S))
+    return replace(candidate, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S))

@@ -26,7 +26,7 @@ from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
-from companion.estimation import CONSTANTS, KINDS, BestEstimate, Explained, Rival, Size, kind_of
+from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained, Rival, Size, hypothesis_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
@@ -538,19 +538,19 @@ def test_a_heading_does_not_follow_a_field_that_only_grows(best: BestEstimate) -
 
 
 def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
-    """A row of KINDS is all that a new kind needs; the benchmarks know it too."""
-    for kind in KINDS:
+    """A row of HYPOTHESES is all that a new kind needs; the benchmarks know it too."""
+    for kind in HYPOTHESES:
         told = kind.phrase(Size(np.array([2.0, -0.1, 0.1]), 0.25, np.array([20.0, 5.0, 40.0])))
         assert re.search(r"\d", told), f"{kind.name}: {told!r} gives no size"
         assert "±" in told
         assert kind.about
         assert kind.advice.endswith(".")
-    assert set(CAUSES) >= {kind.name for kind in KINDS}
-    assert all(kind.serious == 0 or kind.side == "imu" for kind in KINDS)
+    assert set(CAUSES) >= {kind.name for kind in HYPOTHESES}
+    assert all(kind.serious == 0 or kind.side == "imu" for kind in HYPOTHESES)
 
 
 def test_a_single_number_keeps_its_sign() -> None:
-    told = kind_of("gps_latency").phrase(Size(np.array([-0.2]), 0.01, np.zeros(3)))
+    told = hypothesis_of("gps_latency").phrase(Size(np.array([-0.2]), 0.01, np.zeros(3)))
     assert told == "the GPS fixes come -0.200 ± 0.010 s later than before"
 
 
@@ -571,7 +571,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
 def weighed(kind: str, size: Array, *rivals: tuple[str, float, float]) -> FaultInterval:
     """Of a minute's middle; rivals: kind, weight beside a nothing of 1e-6, probability that it is harmful."""
     odds = (Rival(name, "step", float(np.log(1e6 * weight)), fault) for name, weight, fault in rivals)
-    return FaultInterval(kind, kind_of(kind).side, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
+    return FaultInterval(kind, hypothesis_of(kind).side, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
 
 
 BIAS, AWAY = np.array([0.0, 0.0, 0.08]), np.array([30.0, 0.0])
@@ -583,7 +583,7 @@ def test_a_side_is_accused_from_a_probability_of_95_percent_on(best: BestEstimat
     assert (finding.side, finding.undecided) == ("imu", False)
     assert finding.evidence.startswith("gyro z bias 80.0")
     assert finding.evidence.endswith("(probability 96 %; next: compass field, 4 %)")
-    assert finding.advice == kind_of("gyro_bias").advice
+    assert finding.advice == hypothesis_of("gyro_bias").advice
     assert finding.cause is not None
     assert finding.cause.rival == "compass_field"
     assert (finding.cause.probability, finding.cause.rival_probability) == pytest.approx((0.96, 0.04), abs=1e-4)
@@ -639,7 +639,7 @@ def test_the_first_fault_of_a_flight_is_one_sides_or_nobodys(best: BestEstimate)
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.nuisance])
+@pytest.mark.parametrize("kind", [kind.name for kind in HYPOTHESES if kind.nuisance])
 def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     """However sure it is, and whatever it did."""
     moment = replace(accepted(kind, 9.0, 0.0, 0.0), shape="shock", rivals=(Rival(kind, "shock", 50.0, 0.0),))

@@ -17,7 +17,7 @@ def test_there_is_no_finding_of_what_is_not_in_the_table() -> None:
 
 
 def test_everything_that_may_be_explained_may_be_a_finding() -> None:
-    assert {kind.name for kind in estimation.KINDS} <= KINDS.keys()
+    assert {kind.name for kind in estimation.HYPOTHESES} <= KINDS.keys()
 
 
 def test_the_documents_list_them_all() -> None:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.accuracy.answer import Answer, Side
 from benchmarks.accuracy.sensitivity import AS_IT_IS, VARIANTS, Row, changes, fault_rates, log_evidence, table
 from companion.analysis import constant_faults
-from companion.estimation import kind_of, search
+from companion.estimation import hypothesis_of, search
 from companion.estimation.evidence import Trial
 
 TENTH, TENFOLD, HALF = (name for name in VARIANTS if name != AS_IT_IS)
@@ -22,7 +22,7 @@ def step(signal: float) -> Trial:
     information = 1e6 * np.eye(3)[None]
     gradient = signal * np.sqrt(information[:, 0])
     weigh: Callable[..., Trial] = vars(search)["trial"]
-    return weigh(kind_of("gyro_bias"), "step", times, (0.0, 200.0), gradient, information)
+    return weigh(hypothesis_of("gyro_bias"), "step", times, (0.0, 200.0), gradient, information)
 
 
 def odds(probability: float) -> float:
@@ -31,7 +31,7 @@ def odds(probability: float) -> float:
 
 @pytest.mark.parametrize("times", [0.1, 10.0])
 def test_rates_of_faults_shift_their_log_odds_and_leave_those_of_nuisances(times: float) -> None:
-    fault, shock = step(20.0), kind_of("gyro_shock")
+    fault, shock = step(20.0), hypothesis_of("gyro_shock")
     with fault_rates(times):
         assert fault.log_odds == pytest.approx(step(20.0).log_odds)
         scaled = fault.log_odds

@@ -75,7 +75,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
 }
 
 
-def kind_of(path: Path) -> int:
+def hypothesis_of(path: Path) -> int:
     return stat.S_IFMT(path.lstat().st_mode)
 
 
@@ -88,10 +88,10 @@ def test_no_command_writes_to_what_is_no_file(
     (tmp_path / "victim").write_text("precious")
     path = tmp_path / f"out{ENDS.get(command, '')}"
     KINDS[kind](path)
-    before, there = kind_of(path), sorted(tmp_path.iterdir())
+    before, there = hypothesis_of(path), sorted(tmp_path.iterdir())
     assert main([command, *WRITES[command](), "-o", str(path)]) == 2
     assert str(path) in capsys.readouterr().err
-    assert kind_of(path) == before
+    assert hypothesis_of(path) == before
     assert (tmp_path / "victim").read_text() == "precious"
     assert sorted(tmp_path.iterdir()) == there
 
@@ -104,8 +104,8 @@ def test_no_file_of_a_fleet_is_written_to_what_is_none(name: str, kind: str, tmp
     folder.mkdir()
     (folder / "victim").write_text("precious")
     KINDS[kind](folder / name)
-    before = kind_of(folder / name)
+    before = hypothesis_of(folder / name)
     with pytest.raises(InputError, match="none of these is replaced"), Journal(folder, "version"):
         write_results(folder, [], {})
-    assert kind_of(folder / name) == before
+    assert hypothesis_of(folder / name) == before
     assert (folder / "victim").read_text() == "precious"

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from companion.constants.priors import ACCUSED
-from companion.estimation import KINDS, Rival, kind_of, probabilities, smooth
+from companion.estimation import HYPOTHESES, Rival, hypothesis_of, probabilities, smooth
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.model import Array
 from tests.estimation import sensed as sensed_flights
@@ -22,12 +22,12 @@ def tried(b: Array, v: Array, onset: Array | None = None, kind: str = "gyro_bias
     count = len(b)
     when = np.linspace(600.0, 3000.0, count) if onset is None else onset
     weight = np.full(count, 1.0 / count)
-    return trial(kind_of(kind), shape, (when, np.full(count, np.inf), weight), HOUR, b, v)
+    return trial(hypothesis_of(kind), shape, (when, np.full(count, np.inf), weight), HOUR, b, v)
 
 
 def test_the_evidence_of_one_component_is_its_integral() -> None:
     """∫ exp(b u - ½ V u²) N(u; 0, σ²) du, by quadrature."""
-    kind = kind_of("gps_latency")
+    kind = hypothesis_of("gps_latency")
     b, v = np.array([[40.0]]), np.array([[[900.0]]])
     u = np.linspace(-4.0, 4.0, 200_001)
     for column, sigma in ((0, kind.harmful("step") / 5.0), (1, kind.prior)):
@@ -39,7 +39,7 @@ def test_the_evidence_of_several_is_that_of_all_or_of_one_alone() -> None:
     rng = np.random.default_rng(2)
     root = rng.normal(size=(3, 3)) * 300.0
     v, b = (root @ root.T)[None], rng.normal(size=(1, 3)) * 900.0
-    sigma = kind_of("gyro_bias").prior
+    sigma = hypothesis_of("gyro_bias").prior
     with_all = multivariate_normal(np.zeros(3), v[0] + sigma**2 * v[0] @ v[0]).logpdf(b[0])
     ratios = [with_all - multivariate_normal(np.zeros(3), v[0]).logpdf(b[0]) - np.log(2.0)]
     for i in range(3):
@@ -81,12 +81,12 @@ def test_probabilities_are_those_of_exclusive_hypotheses() -> None:
     assert found["imu"] == pytest.approx(0.70)
     assert found["compass"] == pytest.approx(0.29)
     assert found["nobody"] == pytest.approx(0.01)
-    assert set(found) == {"nobody", *(kind.side for kind in KINDS)}
+    assert set(found) == {"nobody", *(kind.side for kind in HYPOTHESES)}
 
 
 def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:
     """Score statistics drawn with a fault of that size: b ~ N(V u, V)."""
-    rng, kind, cell = np.random.default_rng(5), kind_of("gyro_bias"), 1e-3
+    rng, kind, cell = np.random.default_rng(5), hypothesis_of("gyro_bias"), 1e-3
     v = np.eye(3) / 3e-3**2
     size = float(least_found(np.diag(v), kind, "step", 1.0, cell)[0])
     drawn = v @ [0.0, 0.0, size] + rng.multivariate_normal(np.zeros(3), v, size=400)

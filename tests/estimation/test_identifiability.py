@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from companion.constants.priors import ACCUSED
-from companion.estimation import KINDS, kind_of
-from companion.estimation.choice import Choice
+from companion.estimation import HYPOTHESES, hypothesis_of
+from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import probabilities
 from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise
 from companion.estimation.iteration import estimate, start_of
@@ -23,8 +23,8 @@ from tests.estimation.sensed import sensed
 
 pytestmark = pytest.mark.slow
 
-NAMED = tuple(kind_of(name) for name in ("gyro_bias", "gps_position"))
-SIDES = {"nobody", "perhaps harmless", "cannot tell", *(kind.name for kind in KINDS)}
+NAMED = tuple(hypothesis_of(name) for name in ("gyro_bias", "gps_position"))
+SIDES = {"nobody", "perhaps harmless", "cannot tell", *(kind.name for kind in HYPOTHESES)}
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +46,16 @@ def faults(linear: Linear) -> tuple[Fault, ...]:
 
 
 def test_every_kind_is_injected_or_said_not_to_show(linear: Linear, experiment: Experiment) -> None:
-    possible = {kind.name for kind in KINDS if not kind.nuisance and kind.of(linear.problem) is not None}
-    assert {fault.kind.name for fault in experiment.faults} | set(experiment.not_shown) == possible
+    possible = {kind.name for kind in HYPOTHESES if not kind.nuisance and kind.of(linear.problem) is not None}
+    assert {fault.hypothesis.name for fault in experiment.faults} | set(experiment.not_shown) == possible
 
 
 @pytest.mark.parametrize("kind", ["gyro_bias", "accel_scale", "gps_position", "gps_motion", "compass_field"])
 def test_the_score_of_a_fault_alone_is_its_information_times_its_size(linear: Linear, kind: str) -> None:
     """An analytic truth: b = Sᵀ W S u, and the size that it leads to is u, at each of its times."""
-    (fault,) = (one for one in faults(linear) if one.kind.name == kind)
+    (fault,) = (one for one in faults(linear) if one.hypothesis.name == kind)
     problem, solution = fault.alone(linear.problem).solved(linear.problem, linear.solution)
-    found = score(problem, solution, fault.kind, fault.shape, fault.onset, fault.end)
+    found = score(problem, solution, fault.hypothesis, fault.shape, fault.onset, fault.end)
     assert found is not None
     b, v = found
     for i in range(len(fault.onset)):
@@ -68,7 +68,7 @@ def test_noise_alone_scatters_every_score_by_its_information(linear: Linear) -> 
     drawn = noise(linear.problem, linear.prior, np.random.default_rng(3), 500)
     problem, solution = drawn.solved(linear.problem, linear.solution)
     ratios = []
-    for kind in KINDS:
+    for kind in HYPOTHESES:
         for shape in kind.shapes:
             found = score(problem, solution, kind, shape, np.array([25.3]), np.array([38.1]))
             assert found is not None
@@ -82,7 +82,7 @@ def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are
     linear: Linear, experiment: Experiment
 ) -> None:
     """The external reliability against an oracle: the problem with the fault in its readings, solved anew."""
-    (fault,) = (one for one in experiment.faults if one.kind.name == "gps_position")
+    (fault,) = (one for one in experiment.faults if one.hypothesis.name == "gps_position")
     moved = experiment.moved[experiment.faults.index(fault)]
     alone, prior = fault.alone(experiment.problem), linear.prior
     motion = replace(linear.motion, residual=alone.motion[..., 0])
@@ -97,22 +97,22 @@ def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are
 
 
 def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Linear) -> None:
-    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=200, kinds=NAMED)
+    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=200, hypotheses=NAMED)
     assert [row.kind for row in matrix.rows] == [kind.name for kind in NAMED]
-    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 200, seed=1, kinds=NAMED)
+    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 200, seed=1, hypotheses=NAMED)
     for i, row in enumerate(matrix.rows):
         assert set(row.called) <= SIDES
         assert sum(row.called.values()) == pytest.approx(1.0)
         if row.identifiable is None:
             continue
-        assert row.identifiable >= row.detectable >= kind_of(row.kind).harmful(row.shape)
+        assert row.identifiable >= row.detectable >= hypothesis_of(row.kind).harmful(row.shape)
         told = fresh.judged(i, row.identifiable).accused
         assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
 
 
 def test_the_same_flight_has_the_same_matrix(linear: Linear) -> None:
     one, other = (
-        confusion_matrix(linear.problem, linear.solution, linear.prior, draws=10, kinds=NAMED) for _ in range(2)
+        confusion_matrix(linear.problem, linear.solution, linear.prior, draws=10, hypotheses=NAMED) for _ in range(2)
     )
     assert one == other
 
@@ -120,7 +120,7 @@ def test_the_same_flight_has_the_same_matrix(linear: Linear) -> None:
 def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experiment, linear: Linear) -> None:
     """An oracle: the search with all its refinement, on one data set, accuses as the matrix has it."""
     problem = experiment.problem
-    (fault,) = (one for one in faults(linear) if one.kind.name == "gyro_bias")
+    (fault,) = (one for one in faults(linear) if one.hypothesis.name == "gyro_bias")
     drawn, alone = noise(problem, linear.prior, np.random.default_rng(9), 1), fault.alone(problem)
     motion = drawn.motion[..., 0] + 0.8 * fault.size * alone.motion[..., 0]
     read = tuple(
@@ -135,7 +135,7 @@ def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experim
         constants_residual=drawn.prior[1][:, 0] * prior.constants_sigma**2,
     )
     anew = solve(len(problem.t), moved.motion, read, believed)
-    searched = probabilities([Choice.of_trial(one).rival for one in trials(moved, anew)])
+    searched = probabilities([Candidate.of_trial(one).rival for one in trials(moved, anew)])
     mine = Experiment.of(problem, linear.solution, prior, 1, seed=9)
-    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).accused
+    told = mine.judged([one.hypothesis.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).accused
     assert (searched["imu"] >= ACCUSED) == bool(told)

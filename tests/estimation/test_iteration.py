@@ -13,8 +13,8 @@ import pytest
 
 from companion.constants import num
 from companion.estimation import iteration
-from companion.estimation.choice import Choice
-from companion.estimation.explanations import kind_of
+from companion.estimation.candidate import Candidate
+from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import Point, Step, carried, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
@@ -139,7 +139,7 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
     turned = quaternion.rotate(quaternion.exp(np.array([0.0, 0.0, np.radians(60.0)])), compass.field)
     field = np.where(((compass.t > begin) & (compass.t < end))[:, None], turned, compass.field)
     setup = set_up(replace(flight, compasses=(replace(compass, field=field),)), None, STANDARD_GRAVITY, None)
-    choice = Choice(kind_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, 0.0)
+    choice = Candidate(hypothesis_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, 0.0)
     passes, uphill = list[Step](), list[bool]()
     taken = Step.taken
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from companion.estimation.aiding_sensors import SENSORS
-from companion.estimation.choice import Choice
-from companion.estimation.explanations import kind_of
+from companion.estimation.candidate import Candidate
+from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise, measure
@@ -111,8 +111,10 @@ def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() ->
     np.testing.assert_allclose(found, exact[..., 0], atol=4e-3 * np.abs(exact).max())
 
 
-def step_of(kind: str) -> Choice:
-    return Choice(kind_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, log_odds=0.0, fault=0.0)
+def step_of(kind: str) -> Candidate:
+    return Candidate(
+        hypothesis_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, log_odds=0.0, fault=0.0
+    )
 
 
 def right_jacobian(turn: Array) -> Array:
@@ -135,7 +137,7 @@ def right_jacobian(turn: Array) -> Array:
     ],
 )
 def test_the_motion_is_linear_as_it_says(
-    apart: float, turned: float, accepted: list[Choice], sizes: list[float]
+    apart: float, turned: float, accepted: list[Candidate], sizes: list[float]
 ) -> None:
     """Residual r + Φ x_k + G c - x_{k+1}, of a turn that is left times J_r; what is accepted has a size already."""
     flight, _ = sensed(12.0, "circle", rate=50.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.estimation.explanations import Phrase, Size, by_axes, by_length, by_number
+from companion.estimation.hypotheses import Phrase, Size, by_axes, by_length, by_number
 
 EARTH_FIELD = np.array([20.0, 5.0, 40.0])
 

@@ -9,8 +9,8 @@ import pytest
 
 from companion.constants import healthy
 from companion.constants.priors import ACCUSED
-from companion.estimation import kind_of, probabilities, smooth
-from companion.estimation.choice import Choice
+from companion.estimation import hypothesis_of, probabilities, smooth
+from companion.estimation.candidate import Candidate
 from companion.estimation.iteration import start_of
 from companion.estimation.readings import Readings
 from companion.estimation.setup import first_guess, set_up
@@ -89,7 +89,7 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
     assert found[0].kind == faulty
     if faulty == "gps_latency":
         assert found[0].size[0] == pytest.approx(1.0, abs=0.05)
-    assert probabilities(found[0].rivals)[kind_of(faulty).side] > ACCUSED
+    assert probabilities(found[0].rivals)[hypothesis_of(faulty).side] > ACCUSED
 
 
 @pytest.mark.slow
@@ -99,10 +99,10 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
     possible = time_shifted(
-        setup, start, [], Choice(kind_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0)
+        setup, start, [], Candidate(hypothesis_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0)
     )
     assert possible is not None
-    moved, found = possible.setup, possible.choice
+    moved, found = possible.setup, possible.candidate
     assert found.taken == pytest.approx(1.0, abs=0.05)
     assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
     assert found.onset_sigma < 2.0

@@ -39,7 +39,7 @@ from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import aligned_at, landed_at, phases
 from companion.analysis.reference import Limits
 from companion.constants import check, harm, num
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Flight, ImuTrack
 
 
@@ -89,7 +89,7 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
     if jump.severity != "error" or are_near(off, jump.start_s):
         return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
-    if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:
+    if size is not None and size >= hypothesis_of("gps_position").least and "gps_position" not in best.residuals:
         words = (
             f"{jump.evidence}; without GPS it cannot be told whether the position was wrong before it or is after it"
         )

@@ -35,7 +35,7 @@ from companion.estimation import (
     BestEstimate,
     TurnedCompass,
     field_at,
-    kind_of,
+    hypothesis_of,
     righted,
     turned_compasses,
 )
@@ -181,7 +181,7 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     latency, sigma = float(measured[0][0]), float(measured[1][0])
     off = max(latency - high, low - latency)
     swift = float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
-    if off < max(num.SIGMAS * sigma, kind_of("gps_latency").least) or off * swift < harm.GPS_DELAY_M:
+    if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").least) or off * swift < harm.GPS_DELAY_M:
         return None
     is_set = (
         f"{name} is 0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}" if of_driver else f"{name} is {value:g}"

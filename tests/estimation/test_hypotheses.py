@@ -11,10 +11,10 @@ import pytest
 
 from companion.constants import num
 from companion.constants.priors import ACCUSED
-from companion.estimation import KINDS, BestEstimate, Explained, kind_of, probabilities, smooth
+from companion.estimation import HYPOTHESES, BestEstimate, Explained, hypothesis_of, probabilities, smooth
 from companion.estimation.aiding_sensors import SLOW
-from companion.estimation.choice import Choice, with_choice
-from companion.estimation.explanations import Problem
+from companion.estimation.candidate import Candidate, with_candidate
+from companion.estimation.hypotheses import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.scan import scan, score
@@ -118,7 +118,7 @@ def test_an_injected_fault_is_found(fault: str) -> None:
         assert one.place is not None
         np.testing.assert_allclose(np.sqrt(np.diagonal(together)[one.place]), one.sigma)
     assert largest.kind == kind
-    assert probabilities(largest.rivals)[kind_of(kind).side] > ACCUSED
+    assert probabilities(largest.rivals)[hypothesis_of(kind).side] > ACCUSED
     all_of_it = np.sum([one.size for one in explained if (one.kind, one.shape) == (kind, largest.shape)], axis=0)
     assert np.linalg.norm(all_of_it) == pytest.approx(size, rel=0.25)
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
@@ -165,7 +165,7 @@ def test_what_would_have_shown_is_accused(share: float, told: bool) -> None:
     turned = replace(flight, compasses=(replace(compass, field=field),))
     for kind, wrong in (("gps_position", away), ("compass_field", turned)):
         explained = [one for one in smooth(wrong).explained if one.kind == kind]
-        sure = (probabilities(one.rivals)[kind_of(kind).side] for one in explained)
+        sure = (probabilities(one.rivals)[hypothesis_of(kind).side] for one in explained)
         assert (max(sure, default=0.0) >= ACCUSED) == told
 
 
@@ -184,7 +184,7 @@ def test_a_compass_that_turns_has_its_axis() -> None:
 @pytest.mark.parametrize("fault", ["gyro step", "accelerometer step", "gps creep", "gps jump", "gps motion"])
 def test_the_other_side_is_not_accused(fault: str) -> None:
     _, kind, _ = FAULTS[fault]
-    side = kind_of(kind).side
+    side = hypothesis_of(kind).side
     for one in found_in(fault).explained:
         shares = probabilities(one.rivals)
         assert max(share for name, share in shares.items() if name not in (side, "nobody")) < 1.0 - ACCUSED
@@ -249,18 +249,18 @@ def misfit(problem: Problem, prior: Prior, solution: Solution) -> float:
     return total + float((((prior.constants_residual - solution.c) / prior.constants_sigma) ** 2).sum())
 
 
-LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape not in ("pulse", "shock")]
+LAWS = [(kind.name, shape) for kind in HYPOTHESES for shape in kind.shapes if shape not in ("pulse", "shock")]
 
 
 @pytest.mark.parametrize(("name", "shape"), LAWS)
 def test_the_score_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, name: str, shape: str) -> None:
     """A law: score() asks the old solution what `solve` with further unknowns would say."""
-    kind = kind_of(name)
+    kind = hypothesis_of(name)
     problem, solution = linear.problem, linear.solution
     found = score(problem, solution, kind, shape, np.array([11.3]))
     assert found is not None
     b, v = found[0][0], found[1][0]
-    wider = with_choice(problem, linear.prior, Choice(kind, shape, 11.3, np.inf, 0.1, -1, 0.0, 0.0))
+    wider = with_candidate(problem, linear.prior, Candidate(kind, shape, 11.3, np.inf, 0.1, -1, 0.0, 0.0))
     again = solve(len(problem.t), wider[0].motion, wider[0].measurements, wider[1])
     unknowns = len(b)
     covariance = np.linalg.inv(v + np.diag(wider[1].constants_sigma[-unknowns:] ** -2.0))
@@ -274,7 +274,7 @@ def test_the_score_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, 
     assert b @ covariance @ b == pytest.approx(better, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
 
 
-GRID_LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape != "shock"]
+GRID_LAWS = [(kind.name, shape) for kind in HYPOTHESES for shape in kind.shapes if shape != "shock"]
 
 
 def assert_same(one: tuple[Array, Array] | None, other: tuple[Array, Array] | None) -> None:
@@ -287,7 +287,7 @@ def assert_same(one: tuple[Array, Array] | None, other: tuple[Array, Array] | No
 @pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
 def test_the_scan_says_what_the_score_of_each_onset_says(linear: Linear, name: str, shape: str) -> None:
     """A law: columns of stretches, summed, are hypotheses from cut to cut; readings count from their keyframe on."""
-    kind = kind_of(name)
+    kind = hypothesis_of(name)
     at_keyframes = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
     problem, solution = replace(linear.problem, measurements=at_keyframes), linear.solution
     onset, end = np.array([1, 2, 5]), np.array([4, 7, 6])
@@ -307,7 +307,7 @@ def test_what_is_scored_together_is_each_alone(
     monkeypatch.setattr("companion.constants.num.WEIGH_SIZE", together)
     onset, end = np.array([5.1, 9.0, 5.1, 16.2]), np.array([9.0, 14.7, 14.7, 18.0])
     ends = shape != "ramp"
-    problem, solution, kind = linear.problem, linear.solution, kind_of(name)
+    problem, solution, kind = linear.problem, linear.solution, hypothesis_of(name)
     found = score(problem, solution, kind, shape, onset, end if ends else None)
     assert found is not None
     for i in range(len(onset)):

@@ -1,4 +1,4 @@
-"""A hypothesis that was accepted: its columns in the problem, its size, and its rivals."""
+"""A hypothesis at its likeliest times: its columns in the problem, and once accepted its size and its rivals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from companion.constants import num
 from companion.estimation.differences import Differences, Error, score_of_own
 from companion.estimation.evidence import Trial, grows_for
-from companion.estimation.explanations import Kind, Problem, Signature
+from companion.estimation.hypotheses import Hypothesis, Problem, Signature
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
 from companion.estimation.shapes import activation
 from companion.estimation.system import Prior, Solution
@@ -19,10 +19,10 @@ from companion.model import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """A hypothesis that was accepted."""
+class Candidate:
+    """A hypothesis at its likeliest times, which is tried and may be accepted."""
 
-    kind: Kind
+    hypothesis: Hypothesis
     shape: str
     onset: float  # s
     end: float  # s, of a pulse; infinite for what stays
@@ -34,35 +34,36 @@ class Choice:
     taken: float = 0.0  # of its size, what the readings have been corrected by: the rest is small, and linear
 
     @classmethod
-    def of_trial(cls, one: Trial) -> Choice:
+    def of_trial(cls, one: Trial) -> Candidate:
         """The likeliest times of a trial."""
         i = one.best
-        return cls(one.kind, one.shape, float(one.onset[i]), float(one.end[i]), max(one.onset_sigma, num.ONSET_SIGMA_S),
-                   int(one.axis[i]), one.log_odds, one.fault, one.imu)  # fmt: skip
+        onset_sigma = max(one.onset_sigma, num.ONSET_SIGMA_S)
+        return cls(one.hypothesis, one.shape, float(one.onset[i]), float(one.end[i]), onset_sigma, int(one.axis[i]),
+                   one.log_odds, one.fault, one.imu)  # fmt: skip
 
     @property
     def name(self) -> tuple[str, str, int | None]:
-        """Kind, shape and the IMU whose it is."""
-        return self.kind.name, self.shape, self.imu
+        """Hypothesis, shape and the IMU whose it is."""
+        return self.hypothesis.name, self.shape, self.imu
 
     @property
     def rival(self) -> Rival:
         """The same as one of several."""
-        return Rival(self.kind.name, self.shape, self.log_odds, self.fault, self.imu)
+        return Rival(self.hypothesis.name, self.shape, self.log_odds, self.fault, self.imu)
 
     @property
     def error(self) -> Error | None:
         """The same as an error of an IMU; None of another sensor."""
-        if self.kind.side != "imu":
+        if self.hypothesis.side != "imu":
             return None
-        kind = self.kind
-        return Error(kind.sensor, kind.error, kind.prior, self.shape, self.onset, self.end, self.axis)
+        hypothesis = self.hypothesis
+        return Error(hypothesis.sensor, hypothesis.error, hypothesis.prior, self.shape, self.onset, self.end, self.axis)
 
     def of(self, problem: Problem) -> Signature | None:
         """The signature of what changes; None for what changes nothing of the estimate."""
         if self.imu is not None:
             return None
-        whole = self.kind.signature(problem)
+        whole = self.hypothesis.signature(problem)
         if whole is None or self.axis < 0:
             return whole
         part = slice(self.axis, self.axis + 1)
@@ -72,65 +73,65 @@ class Choice:
         )
 
 
-def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem, Prior]:
+def with_candidate(problem: Problem, prior: Prior, candidate: Candidate) -> tuple[Problem, Prior]:
     """The problem with the sizes of a hypothesis as further unknowns."""
-    signature = choice.of(problem)
-    mean, sigma = _from_differences(problem, choice)
-    problem = beside(problem, choice)
+    signature = candidate.of(problem)
+    mean, sigma = _from_differences(problem, candidate)
+    problem = beside(problem, candidate)
     if signature is None:
         return problem, prior
-    onset, end = np.array([choice.onset]), np.array([choice.end])
+    onset, end = np.array([candidate.onset]), np.array([candidate.end])
     motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
     column = np.zeros((*motion.residual.shape, m))
     if signature.motion is not None:
         column = (
-            signature.motion * activation(choice.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
+            signature.motion * activation(candidate.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
         )
     motion = replace(motion, constants=np.concatenate((motion.constants, column), axis=2))
     for i, one in enumerate(measurements):
         own = np.zeros((*one.residual.shape, m))
         if one.name in signature.measurements:
-            shape = choice.kind.shape_at(one.name, choice.shape)
+            shape = candidate.hypothesis.shape_at(one.name, candidate.shape)
             own = signature.measurements[one.name] * activation(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
     return (
         replace(problem, motion=motion, measurements=tuple(measurements)),
         replace(
             prior,
-            constants_residual=np.concatenate((prior.constants_residual, mean - choice.taken)),
+            constants_residual=np.concatenate((prior.constants_residual, mean - candidate.taken)),
             constants_sigma=np.concatenate((prior.constants_sigma, sigma)),
         ),
     )
 
 
-def _from_differences(problem: Problem, choice: Choice) -> tuple[Array, Array]:
+def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:
     """What is known of a size beforehand, (m,) and its 1σ: by the other IMUs too, of an error of the estimate's own."""
-    reached = grows_for(choice.shape, np.array([choice.onset]), np.array([choice.end]), float(problem.t[-1]))
-    b, v = np.zeros(1), np.full(1, (choice.kind.prior / float(reached[0])) ** -2.0)
-    if (one := choice.error) is not None and choice.imu is None and problem.others:
+    reached = grows_for(candidate.shape, np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1]))
+    b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(reached[0])) ** -2.0)
+    if (one := candidate.error) is not None and candidate.imu is None and problem.others:
         times = np.array([one.onset]), np.array([one.end])
         gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times)
         b, v = gradient[0], v + np.diagonal(information[0])
-        if choice.axis >= 0:
-            b, v = b[choice.axis : choice.axis + 1], v[choice.axis : choice.axis + 1]
-    signature = choice.of(problem)
+        if candidate.axis >= 0:
+            b, v = b[candidate.axis : candidate.axis + 1], v[candidate.axis : candidate.axis + 1]
+    signature = candidate.of(problem)
     m = 0 if signature is None else signature.unknowns
     return np.broadcast_to(b / v, m), np.broadcast_to(v**-0.5, m)
 
 
-def beside(problem: Problem, choice: Choice) -> Problem:
-    """The problem whose differences between IMUs leave a choice free."""
-    error = choice.error
+def beside(problem: Problem, candidate: Candidate) -> Problem:
+    """The problem whose differences between IMUs leave a candidate free."""
+    error = candidate.error
     if error is None:
         return problem
-    others = (one.beside(error) if choice.imu in (None, one.instance) else one for one in problem.others)
+    others = (one.beside(error) if candidate.imu in (None, one.instance) else one for one in problem.others)
     return replace(problem, others=tuple(others))
 
 
 def explained(
     problem: Problem,
     solution: Solution,
-    accepted: Sequence[Choice],
+    accepted: Sequence[Candidate],
     rivals: Sequence[tuple[Rival, ...]],
     differences: Sequence[Differences],
 ) -> tuple[tuple[Explained, ...], Array]:
@@ -139,19 +140,19 @@ def explained(
     differences: of the other IMUs, before anything was taken out: of their errors they tell the size.
     """
     out, at, columns = [], CONSTANT_STATES, list[int]()
-    for choice, others in zip(accepted, rivals, strict=True):
-        signature = choice.of(problem)
+    for candidate, others in zip(accepted, rivals, strict=True):
+        signature = candidate.of(problem)
         if signature is None:
             continue
         m = signature.unknowns
-        whole = choice.kind.signature(problem)
-        width = m if choice.axis < 0 or whole is None else whole.unknowns
-        place = slice(None) if choice.axis < 0 else slice(choice.axis, choice.axis + 1)
+        whole = candidate.hypothesis.signature(problem)
+        width = m if candidate.axis < 0 or whole is None else whole.unknowns
+        place = slice(None) if candidate.axis < 0 else slice(candidate.axis, candidate.axis + 1)
         own = np.full(width, -1)
         own[place] = np.arange(at, at + m)
         size = np.zeros(width)
-        size[place] = solution.c[at : at + m] + choice.taken
-        out.append((choice, others, size, slice(len(columns), len(columns) + width)))
+        size[place] = solution.c[at : at + m] + candidate.taken
+        out.append((candidate, others, size, slice(len(columns), len(columns) + width)))
         columns += own.tolist()
         at += m
     known = np.array(columns, dtype=np.intp)
@@ -159,24 +160,24 @@ def explained(
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     parts = tuple(
         Explained(
-            kind=choice.kind.name,
-            shape=choice.shape,
-            onset=choice.onset,
-            onset_sigma=choice.onset_sigma,
-            end=choice.end,
+            kind=candidate.hypothesis.name,
+            shape=candidate.shape,
+            onset=candidate.onset,
+            onset_sigma=candidate.onset_sigma,
+            end=candidate.end,
             size=size,
             sigma=sigma[place],
             rivals=others,
             place=place,
         )
-        for choice, others, size, place in out
+        for candidate, others, size, place in out
     )
     parts = (*parts, *_of_others(accepted, rivals, differences))
     return tuple(sorted(parts, key=lambda one: one.onset)), covariance
 
 
 def _of_others(
-    accepted: Sequence[Choice], rivals: Sequence[tuple[Rival, ...]], differences: Sequence[Differences]
+    accepted: Sequence[Candidate], rivals: Sequence[tuple[Rival, ...]], differences: Sequence[Differences]
 ) -> Iterator[Explained]:
     """Errors of other IMUs than the estimate's, by what these read more than it, its own errors free."""
     own = [one.error for one in accepted if one.imu is None and one.error is not None]
@@ -187,5 +188,5 @@ def _of_others(
         for i, (size, sigma) in zip(mine, other.sizes(errors), strict=True):
             one = accepted[i]
             yield Explained(
-                one.kind.name, one.shape, one.onset, one.onset_sigma, one.end, size, sigma, rivals[i], one.imu
+                one.hypothesis.name, one.shape, one.onset, one.onset_sigma, one.end, size, sigma, rivals[i], one.imu
             )

@@ -3,8 +3,7 @@
 An explanation has a few unknown numbers u (a step of the gyro's bias: three) that would change the residuals of some
 factors by S u from its onset on.
 
-Also here: how the size of what went wrong is said in words: the phrases that the rows of `explanations.KINDS` are made
-of.
+Also here: how the size of what went wrong is said in words: the phrases that the rows of `HYPOTHESES` are made of.
 """
 
 from __future__ import annotations
@@ -138,7 +137,7 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class Hypothesis:
     """One row of what may be wrong."""
 
     name: str
@@ -303,79 +302,79 @@ def _rotation(problem: Problem) -> Signature | None:
 
 _LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the mounting and the log's gaps."
 
-KINDS: tuple[Kind, ...] = (
-    Kind("gyro_bias", "the gyro's bias steps, grows or comes and goes",
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          by_axes("gyro", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
          "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), apart=8e-3, serious=5e-3,
          rate=1e-3),
-    Kind("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
+    Hypothesis("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
          by_axes("accelerometer", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
          "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", apart=0.4, serious=0.2,
          rate=1e-3),
-    Kind("gyro_scale", "the gyro's scale changes",
+    Hypothesis("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "% of what it turns", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
          "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", rate=3e-4, most=num.MAX_SCALE),
-    Kind("accel_scale", "the accelerometer's scale changes",
+    Hypothesis("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "% of what it feels", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
          "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", rate=3e-4, most=num.MAX_SCALE),
-    Kind("gyro_shock", "the gyro misses a turn, all at once",
+    Hypothesis("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
          "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rate=1.0),
-    Kind("accel_shock", "the accelerometer misses a push, all at once",
+    Hypothesis("accel_shock", "the accelerometer misses a push, all at once",
          by_number("the accelerometer misses a push of {:.1f} ± {:.1f} m/s"),
          _LOOK_AT_THE_MOUNTING,
          "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf, rate=1.0),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
-    Kind("gps_position", "the GPS position jumps, creeps or is off for a time",
+    Hypothesis("gps_position", "the GPS position jumps, creeps or is off for a time",
          by_length("the GPS position", "m"),
          "Look at the antenna's view of the sky, its cable and at interference; a receiver of a second band helps.",
          "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0, rate=0.3),
-    Kind("gps_height", "the GPS height jumps, creeps or is off for a time",
+    Hypothesis("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
          "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=harm.CREEP_M, rate=1.0),
-    Kind("gps_motion", "GPS velocity and position move as the vehicle does not",
+    Hypothesis("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
          "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rate=0.01,
          integrated=("gps_position",)),
-    Kind("gps_velocity", "the GPS velocity is off",
+    Hypothesis("gps_velocity", "the GPS velocity is off",
          by_length("the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
          "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity"), rate=0.3),
-    Kind("gps_latency", "the GPS comes later than before",
+    Hypothesis("gps_latency", "the GPS comes later than before",
          by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
          "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", time_shifts=_GPS, rate=0.01),
-    Kind("compass_field", "the field about the compass changes: it points elsewhere",
+    Hypothesis("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
          "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field, rate=0.3),
-    Kind("compass_turn", "the compass turns in its mounting",
+    Hypothesis("compass_turn", "the compass turns in its mounting",
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation, rate=0.01),
-    Kind("compass_iron", "a magnet or a current comes near the compass",
+    Hypothesis("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
          "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
-    *(Kind(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
+    *(Hypothesis(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
            "Shield it from wind and light.",
            sensor.device, "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift(name), least_slow=harm.CREEP_M, rate=1.0)
       for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 
-AIDING = tuple(dict.fromkeys(kind.side for kind in KINDS if kind.side != "imu"))
+AIDING = tuple(dict.fromkeys(hypothesis.side for hypothesis in HYPOTHESES if hypothesis.side != "imu"))
 """The sides beside the IMU."""
 
 
-def kind_of(name: str) -> Kind:
+def hypothesis_of(name: str) -> Hypothesis:
     """The row of a kind. Raises KeyError for a name that is none."""
-    return {kind.name: kind for kind in KINDS}[name]
+    return {hypothesis.name: hypothesis for hypothesis in HYPOTHESES}[name]
