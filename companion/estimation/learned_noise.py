@@ -186,12 +186,11 @@ def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dic
 def _further(step: float, before: Change | None) -> Change:
     """A step as far as the geometric series leads that it and the step before begin (Aitken 1926).
 
-    One that goes to and fro ends before its next step does, and one whose steps do not become smaller is far from its
-    end. A step that is as far as a series leads begins none.
+    One that goes to and fro ends before its next step does. A step that is as far as a series leads begins none.
     """
     ratio = step / before.size if before is not None and before.plain and before.size else 0.0
-    goes_on = abs(ratio) > num.SERIES_RATIO and ratio > -1.0
-    times = min(1.0 / max(1.0 - ratio, 1e-9), num.SERIES_MAX_STEPS) if goes_on else 1.0
+    goes_on = num.SERIES_RATIO < abs(ratio) < 1.0
+    times = min(1.0 / (1.0 - ratio), num.SERIES_MAX_STEPS) if goes_on else 1.0
     return Change(float(np.clip(times * step, -num.SERIES_MAX_LOG, num.SERIES_MAX_LOG)), not goes_on)
 
 
