@@ -202,6 +202,7 @@ def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, st
     reasons = (
         (hypothesis_of(interval.kind).nuisance,
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
+        (not best.converged, _NOT_CONVERGED, _ANOTHER),
         (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
         _undecided(interval),
     )  # fmt: skip
@@ -232,6 +233,9 @@ _CONTRADICTED = (
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 
 
+_NOT_CONVERGED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
+
+
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
 
 
@@ -241,6 +245,7 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
     reasons = (
+        (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
         (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",

@@ -127,6 +127,7 @@ class Start:
     slow: Mapping[str, float]  # aiding sensor → 1σ of its slow error
     path: CarriedImu | None = None  # the IMU as it was carried last
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
+    gain: float = 0.0  # by how much a further step would have lessened the misfit, where an iteration has ended here
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -192,7 +193,7 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < num.CONVERGED_MISFIT:
             break
-    return Start(step.at(1.0).states, noise, scale, slow, path), linear
+    return Start(step.at(1.0).states, noise, scale, slow, path, gain=step.gain), linear
 
 
 def likelihood(settled: Start, linear: Linear) -> float:

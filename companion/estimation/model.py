@@ -262,6 +262,7 @@ class BestEstimate:
     confusion: ConfusionMatrix | None = None  # where it was asked for
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which aiding sensor gives the heading
     notes: tuple[str, ...] = ()
+    converged: bool = True  # whether the iteration has ended where the misfit is least: else its σ say little
 
     def __repr__(self) -> str:
         """In a line: what it was made of and what it had to explain."""

@@ -372,4 +372,5 @@ def _result(
         detectable=detectable(linear.problem, linear.solution),
         heading_from=heading,
         notes=setup.notes,
+        converged=settled.gain < num.UNSETTLED_MISFIT,
     )

@@ -281,8 +281,9 @@ def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Riva
         ({"further": perhaps("accel_bias")}, "a fault of the accelerometer", "A second sensor of the same kind"),
         ({"further": perhaps("compass_field")}, "a fault of the compass", "A second sensor of the same kind"),
         ({"residuals": {}}, "without GPS", "GPS while the vehicle moves"),
+        ({"converged": False}, "has not converged", "A second sensor of the same kind"),
     ],
-    ids=["the accelerometer nearly explains it", "the compass does", "no GPS"],
+    ids=["the accelerometer nearly explains it", "the compass does", "no GPS", "not converged"],
 )
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str
@@ -405,6 +406,17 @@ def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best
     assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
     assert finding.cause is not None
     assert any("heading" in one for one in finding.cause.consequences)
+
+
+@pytest.mark.parametrize("explained", [step(ONSET, np.inf, 0.05), accepted("gps_motion", 30.0, 0.0)])
+def test_an_estimate_that_has_not_converged_accuses_nobody(
+    flight: Flight, best: BestEstimate, explained: Explained
+) -> None:
+    astray = replace(best, explained=(explained,), converged=False)
+    found = estimator_deviations(headed(flight, 40.0), astray, Limits())
+    for finding in findings_of(fault_intervals(astray), found, astray):
+        assert (finding.side, finding.undecided) == ("data", True)
+        assert finding.severity != "error"
 
 
 def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(flight: Flight, best: BestEstimate) -> None:
