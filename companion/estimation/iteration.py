@@ -128,6 +128,7 @@ class Start:
     path: CarriedImu | None = None  # the IMU as it was carried last
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
     gain: float = 0.0  # by how much a further step would have lessened the misfit, where an iteration has ended here
+    complete: bool = False  # whether noise and states had settled there, before the passes were used up
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -182,7 +183,8 @@ def estimate(
                 weights, shaken = outlier_weights(linear), np.minimum(shaken * shocks(linear), num.SHAKEN_MAX)
                 weighted += 1
         there = uphill or step.gain < num.LEARNING_MISFIT  # as near as it comes
-        if (weighted >= num.WEIGHTED_PASSES and largest < num.DENSITY_SETTLED and there) or count == passes - 1:
+        complete = weighted >= num.WEIGHTED_PASSES and largest < num.DENSITY_SETTLED and there
+        if complete or count == passes - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
@@ -193,7 +195,7 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < num.CONVERGED_MISFIT:
             break
-    return Start(step.at(1.0).states, noise, scale, slow, path, gain=step.gain), linear
+    return Start(step.at(1.0).states, noise, scale, slow, path, gain=step.gain, complete=complete), linear
 
 
 def likelihood(settled: Start, linear: Linear) -> float:

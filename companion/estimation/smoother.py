@@ -111,7 +111,7 @@ def explain(
         else:
             further = adaptation
             break
-    if any(one.imu is None for one in accepted):  # each was tried for some passes alone
+    if any(one.imu is None for one in accepted) and not settled.complete:  # each was tried for some passes alone
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
