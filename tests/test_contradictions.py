@@ -176,7 +176,7 @@ CONTRADICTIONS: dict[Callable[[Screens], Iterator[str]], tuple[str, str]] = {
     ),
     explained_after_all: (
         "",
-        "INSUFFICIENT DATA  no single cause explains it.\n  ! 1.0-9.0 s: accelerometer scale. 3.2 ± 0.4 %",
+        "CANNOT TELL  no single cause explains it.\n  ! 1.0-9.0 s: accelerometer scale. 3.2 ± 0.4 %",
     ),
     agrees_though_its_readings_are_none: (
         "",

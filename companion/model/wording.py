@@ -22,10 +22,11 @@ def nearest_word(word: str, known: Collection[str]) -> str:
 
 def words(name: str) -> str:
     """An identifier as people write it."""
-    return " ".join(_WRITTEN.get(word, word) for word in name.split("_"))
+    return _SAID.get(name) or " ".join(_WRITTEN.get(word, word) for word in name.split("_"))
 
 
 _WRITTEN = {"gps": "GPS", "imu": "IMU", "imus": "IMUs", "accel": "accelerometer"}
+_SAID = {"insufficient_data": "cannot tell"}  # what the documents have called it since the first release
 
 
 LINES, WIDTH = 5, 100

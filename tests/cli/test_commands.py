@@ -119,7 +119,7 @@ def test_the_verdicts_on_several_logs_are_a_table(
     out = capsys.readouterr().out
     assert max(map(len, out.splitlines())) <= 60
     assert "CONSISTENT" in out
-    assert "INSUFFICIENT" in out
+    assert "CANNOT TELL" in out
     assert "not read" in out
     assert main(["analyze", DEMO, low, "--fail-on", "insufficient"]) == 1
     capsys.readouterr()
@@ -210,7 +210,7 @@ def test_a_log_with_nothing_to_compare(
     make(log)
     assert main(["analyze", str(log)]) == 2
     said = capsys.readouterr()
-    assert said.out.startswith("INSUFFICIENT DATA  ")
+    assert said.out.startswith("CANNOT TELL  ")
     assert expected in said.out
     assert "Record" in said.out or "Ask" in said.out
     assert said.err.startswith("companion: nothing was analysed.")
@@ -219,7 +219,7 @@ def test_a_log_with_nothing_to_compare(
     verdict = flight["verdict"]
     assert verdict["status"] == "insufficient_data"
     assert verdict["summary"].startswith("Cannot tell: ")
-    assert "INSUFFICIENT DATA  " + verdict["summary"].removeprefix("Cannot tell: ") + "\n" == said.out
+    assert "CANNOT TELL  " + verdict["summary"].removeprefix("Cannot tell: ") + "\n" == said.out
     assert (flight["used_imu"], flight["figures"], flight["drift"], verdict["findings"]) == (None, None, [], [])
     for command in ("view", "calibrate"):
         assert expected in refused([command, str(log)], capsys)
