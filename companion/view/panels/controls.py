@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib.resources import files
+from string import Template
 from typing import Any, Literal
 
 import viser
@@ -29,43 +32,21 @@ SIDE = 330  # width of either panel, pixels
 NARROW = 284  # where the window is narrower than 75em and wider than a phone's: the picture keeps two fifths of it
 NARROW_WINDOW = "@media (min-width:36.01em) and (max-width:75em)"
 _EDGE = 4  # pixels that viser adds to a docked panel
-_STYLE = (
-    # viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone.
-    '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}'
-    # viser docks panels with one width for every window. Whoever drags an edge gets the width that he drags it to.
-    f'{NARROW_WINDOW}{{div[style*="width: {SIDE + _EDGE}px"]{{width:{NARROW + _EDGE}px!important}}'
-    f'div[style*="inset: 0px {SIDE + _EDGE}px;"]{{inset:0 {NARROW + _EDGE}px!important}}'
-    f'div[style*="inset: 0px {SIDE + _EDGE}px 0px"]{{right:{NARROW + _EDGE}px!important}}'
-    f'div[style*="inset: 0px 0px 0px {SIDE + _EDGE}px"]{{left:{NARROW + _EDGE}px!important}}'
-    "table{font-size:0.72em!important}}"
-    # The grips of panels and what folds them: the layout is this one. On a phone the heads of the sections stay.
-    f'@media not all and {PHONE}{{div:is([style*="height: 1em; cursor: grab"],[style*="height: 0.9em; cursor: grab"])'
-    "{display:none!important}}"
-    # There the picture comes first, under the verdict; then time and findings, then the numbers and what can be set.
-    f"@media {PHONE}{{div:has(>div>.mantine-Tabs-root){{display:flex;flex-direction:column}}"
-    "div:has(>div>.mantine-Tabs-root)>div:has(>.mantine-Tabs-root){order:-1}}"
-    # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
-    ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
-    ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'
-    '[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] *{color:#d5dce4}'
-    f':root[data-mantine-color-scheme="light"]{{--companion-trouble:{palette.css(palette.TROUBLE)}}}'
-    f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
-    # viser's remark on a machine without a graphics card: small, in a corner, and gone by itself.
-    '[class*="mantine-Notifications-root"]{top:auto!important;bottom:220px!important;'
-    "--notifications-container-width:13em!important}"
-    '[class*="mantine-Notification-root"]{animation:companion-leave 0s 6s forwards;padding:4px 8px!important}'
-    '[class*="mantine-Notification-root"] [class*="description"]{display:none}'
-    '[class*="mantine-Notification-title"]{font-size:11px!important}'
-    "@keyframes companion-leave{to{display:none;visibility:hidden}}"
-    '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
-    '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
-    "@media (max-width:75em){.companion-words{display:none}}"  # of the timeline: they would lie on each other
-    # A chart's legend has values where the pointer is, and "--" for each while there is none.
-    ".uplot:not(:hover) .u-legend .u-value{visibility:hidden}"
-    ".uplot:not(:hover) .u-legend th::after{content:none!important}"
-    # The head of a panel that is folded is dimmed by viser to 2.8 to 1.
-    'div[role="button"][aria-expanded="false"] p{opacity:0.8!important}'
-    '[class*="mantine-Notification-description"]{color:inherit!important}</style>'
+_CUT = re.compile(r"/\*.*?\*/|\n", re.DOTALL)  # comments and ends of lines
+
+
+def style(sheet: str, **values: object) -> str:
+    """A style sheet of this folder as markup. values: what its `${names}` stand for."""
+    css = (files("companion.view.panels") / sheet).read_text(encoding="utf-8")
+    return f"<style>{Template(_CUT.sub('', css)).substitute(values, phone=PHONE, narrow_window=NARROW_WINDOW)}</style>"
+
+
+_STYLE = style(
+    "page.css",
+    side=SIDE + _EDGE,
+    narrow=NARROW + _EDGE,
+    trouble=palette.css(palette.TROUBLE),
+    trouble_on_dark=palette.css(palette.TROUBLE_ON_DARK),
 )
 
 

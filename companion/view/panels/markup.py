@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from companion.present import Rgb, palette
-from companion.view.panels.controls import NARROW, NARROW_WINDOW, PHONE, SIDE
+from companion.view.panels.controls import NARROW, SIDE, style
 
 PALE = f"opacity:{palette.QUIET}"
 """Of a row or a word that says less than the others."""
@@ -20,21 +20,7 @@ COLOURS: dict[str, Rgb] = {
     "starting": palette.CONTROLS,  # this and the next: of a live verdict
     "lost": palette.BAD,
 }
-_STYLE = (  # over the picture, between the panels; on a phone over all of its width
-    f"<style>.companion-banner{{position:fixed;z-index:4;top:8px;left:{SIDE + 16}px;right:{SIDE + 16}px}}"
-    ".companion-banner{padding:8px 14px;border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;"
-    "pointer-events:none;"
-    "box-shadow:0 1px 4px rgba(0,0,0,.3)}"
-    ".companion-banner span{text-wrap:balance;display:-webkit-box;-webkit-box-orient:vertical;"
-    "-webkit-line-clamp:3;overflow:hidden}"
-    ".companion-banner em{font-size:14px;font-weight:400;font-style:normal;opacity:.95;margin-left:.6em}"
-    ".companion-banner small{display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:3;overflow:hidden;"
-    "font-size:12.5px;font-weight:400;line-height:1.35;margin-top:2px}"
-    "@media (max-width:1150px){.companion-banner{font-size:16px}}"
-    f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
-    f"@media {PHONE}{{.companion-banner{{top:0;left:0;right:0;border-radius:0;padding:6px 10px;font-size:16px}}"
-    ".companion-banner em{font-size:12px}.companion-banner small{font-size:11px;-webkit-line-clamp:6}}</style>"
-)
+_STYLE = style("banner.css", side=SIDE + 16, narrow=NARROW + 16)
 
 
 def banner(status: str, head: str, detail: str = "", beside: str = "", *, stale: bool = False) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import viser
 
 from companion.present import Rgb, palette
-from companion.view.panels.controls import CAMERAS, PHONE, Call, Controls, Key, write
+from companion.view.panels.controls import CAMERAS, Call, Controls, Key, style, write
 from companion.view.panels.strip import GUTTER, HEIGHT, Bands, legend, markup, strip
 from companion.view.state.choice import CameraMode
 from companion.view.state.marks import Mark, short
@@ -19,38 +19,8 @@ from companion.view.state.sending import update
 
 WIDTH = 600  # pixels, where the browser does not know `:has`
 TALL = 212  # pixels: what the panel covers of the window
-_STYLE = (
-    # Over the whole window, below the panels at its sides and on its ground: one axis for all that has a time.
-    f"<style>@media not all and {PHONE}{{"
-    f'div[style*="width: {WIDTH}px"]:has(.companion-time){{left:0!important;width:100vw!important;top:auto!important;'
-    f"bottom:0!important;height:{TALL}px;border-radius:0!important}}"
-    f'div[style*="top: 0px; bottom: 0px; left: 0px; width"],div[style*="top: 0px; bottom: 0px; right: 0px; width"]'
-    f"{{bottom:{TALL}px!important}}}}"
-    # The slider is as high as the strip that lies under it: a click anywhere on it goes there.
-    f'div[style*="width: {WIDTH}px"]:has(.companion-time) div[style*="flex-wrap: wrap"][style*="font-size: 0.85em"]'
-    "{display:none!important}"
-    f"div:has(>.companion-time)+div .mantine-Slider-root{{height:{HEIGHT}px;padding:0!important}}"
-    f"div:has(>.companion-time)+div .mantine-Slider-trackContainer{{height:{HEIGHT}px}}"
-    f"div:has(>.companion-time)+div .mantine-Slider-track{{height:{HEIGHT}px}}"
-    f"div:has(>.companion-time)+div>div{{align-items:flex-start!important}}"
-    f"div:has(>.companion-time)+div>div>div:first-child{{width:{GUTTER}em!important;visibility:hidden}}"
-    "div:has(>.companion-time)+div .mantine-Slider-track::before{background:none}"
-    "div:has(>.companion-time)+div .mantine-Slider-bar{background:none}"
-    "div:has(>.companion-time)+div :is(.mantine-Slider-mark,.mantine-Slider-markLabel){display:none}"
-    f"div:has(>.companion-time)+div .mantine-Slider-thumb{{height:{HEIGHT}px!important;width:3px!important}}"
-    ".companion-transport{display:flex;flex-wrap:wrap;align-items:center;gap:3px;padding:0 10px 4px}"
-    ".companion-transport button{font:13px sans-serif;color:inherit;background:none;min-width:28px;height:26px;"
-    "border:1px solid rgba(130,130,130,.5);border-radius:4px;padding:0 6px;cursor:pointer;white-space:nowrap}"
-    ".companion-transport button:hover{background:rgba(130,130,130,.2)}"
-    f".companion-transport .main{{background:{palette.css(palette.CONTROLS)};color:#fff;font-weight:600}}"
-    f".companion-transport .main:hover{{background:{palette.css(palette.BRAND)}}}"
-    ".companion-transport .gap{width:10px}.companion-transport .far{margin-left:auto}"
-    ".companion-key{display:flex;justify-content:flex-end;font-size:11px;line-height:14px;padding:0 70px 1px 0;"
-    "height:15px;overflow:hidden}@media (max-width:1100px){.companion-transport .fine{display:none}}"
-    f"@media {PHONE}{{"
-    ".companion-key{padding-right:8px;justify-content:flex-start}}"
-    "</style>"
-)
+_COLOURS = {"controls": palette.css(palette.CONTROLS), "brand": palette.css(palette.BRAND)}
+_STYLE = style("timeline.css", width=WIDTH, tall=TALL, height=HEIGHT, gutter=GUTTER, **_COLOURS)
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
 TENTHS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 NO_MARK = "choose an event"
