@@ -32,15 +32,13 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.resources": set[str](),
-    "app.toml_file": GROUND,
-    "app.destination": GROUND,
-    "app.settings": GROUND | {"strapdown", "analysis", "app.toml_file"},
-    "app.correction": GROUND | {"app.toml_file", "analysis"},
-    "app.sensors": GROUND | {"installation", "telemetry", "app.toml_file", "analysis"},
+    "app.files": GROUND,
+    "app.settings": GROUND | {"strapdown", "analysis", "app.files"},
+    "app.correction": GROUND | {"app.files", "analysis"},
+    "app.sensors": GROUND | {"installation", "telemetry", "app.files", "analysis"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"constants.num", "app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
-    "app.lanes": GROUND | {"estimation", "analysis", "app.resources", "app.settings", "app.examination"},
     "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"constants.num", "mavlink", "estimation", "analysis"}
@@ -51,24 +49,24 @@ MAY_IMPORT = {
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
     | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
-    | {"app.lanes", "app.sensors"}
+    | {"app.sensors"}
     | {"documents", "present", "view"},
     "pages": set[str](),
     "pages.replay": GROUND
     | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"}
-    | {"app.lanes", "app.sensors"},
+    | {"app.sensors"},
     "pages.live": GROUND
     | {"links", "analysis", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
     "pages.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
     "mavproxy": GROUND | {"mavlink", "analysis", "app.settings", "app.running_verdict"},
     "fleet": GROUND
-    | {"installation", "mavlink", "logs", "telemetry", "analysis", "app.destination", "app.settings", "app.sensors"}
+    | {"installation", "mavlink", "logs", "telemetry", "analysis", "app.files", "app.settings", "app.sensors"}
     | {"app.recording", "app.examination", "documents", "present", "export", "report"},
     "cli": GROUND
     | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
-    | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.lanes", "app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
+    | {"app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
+    | {"app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api", "mavproxy"},
@@ -92,8 +90,7 @@ VIEW_MAY_IMPORT = {
     "scene": {"state"},
     "export": {"state", "scene", "server"},
     "ground_map": {"state", "scene"},
-    "browsers": {"state", "panels", "scene"},
-    "controller": {"state", "panels", "charts", "scene", "browsers"},
+    "controller": {"state", "panels", "charts", "scene"},
     "replay_controller": {"state", "scene", "charts", "panels", "controller", "export", "ground_map"},
     "live_controller": {"state", "scene", "charts", "panels", "controller"},
     "page": {"state", "scene", "server", "panels", "controller", "replay_controller", "live_controller"},

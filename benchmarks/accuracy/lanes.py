@@ -17,7 +17,7 @@ import numpy as np
 from companion.analysis import LaneSpan
 from companion.analysis.lane_errors import healthy_bound
 from companion.analysis.reference import attitude_error
-from companion.app.lanes import lanes_of
+from companion.app.examination import lanes_of
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.constants import healthy

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from companion.analysis import PARTS, Calibration, Correction
-from companion.app.toml_file import read_toml
+from companion.app.files import read_toml
 from companion.model import InputError, SettingsError
 
 _FORMAT = 2

@@ -1,4 +1,7 @@
-"""A flight examined as the settings say: the one set of numbers that terminal, JSON, page, report and fleet show."""
+"""A flight examined as the settings say: the one set of numbers that terminal, JSON, page, report and fleet show.
+
+And the lanes of its estimator, against the best estimate of an IMU that is in order where there is one.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ from companion.analysis import (
     ImuNoise,
     ImuSpec,
     Integration,
+    Lanes,
     Limits,
     RedundantImu,
     ReferenceSpec,
@@ -30,6 +34,8 @@ from companion.analysis import (
     each_imu,
     gravity_for,
     imu_noise,
+    judge_lanes,
+    known_share,
     reported_by,
     verdict_without_imu,
 )
@@ -39,7 +45,7 @@ from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
 from companion.constants import num
 from companion.estimation import BestEstimate
-from companion.model import DataError, Flight, SettingsError, brief
+from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +60,11 @@ class Examination:
     imu_model: str | None  # the part that was named
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was requested
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the IMU that was used."""
+        return self.assessment.verdict
 
     @cached_property
     def gaps(self) -> Mapping[str, int]:
@@ -157,6 +168,11 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
     return None
 
 
+def examined_or_not(flight: Flight, settings: Settings = _DEFAULTS, **chosen: Any) -> Examination | Unexamined:
+    """The examination of a flight, or what is left to say of one that cannot be examined: as `examine`."""
+    return unexaminable(flight, settings) or examine(flight, settings, **chosen)
+
+
 @_cannot_tell()
 def assess_imu(
     flight: Flight,
@@ -239,3 +255,48 @@ def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
 def _spec(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:
     """The noise specification that was requested, else that of the part that the vehicle names."""
     return load_imu_spec(imu_model) if imu_model else imu_spec_of(flight, imu)
+
+
+@one_blas_thread
+def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) -> tuple[Lanes, BestEstimate]:
+    """Every lane judged, and the best estimate that they were judged by. own: of the flight, where it has been made.
+
+    An estimate that has an error of its own IMU explained away is not known as well as that of an IMU that is in order.
+    Raises NoEstimateError where no IMU carries an estimate, and DataError as `examine`.
+    """
+    first = own or assess_imu(flight, settings)
+    used = flight.imu(first.comparison.track.source)
+    by = first
+    if first.best is None or _is_wrong(first):
+        names = [one.source for one in flight.each_imu() if one.instance != used.instance]
+        others = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
+        by = max([first, *others], key=lambda one: (not _is_wrong(one), one.best is not None and known_share(one.best)))
+    if by.best is None:
+        raise NoEstimateError(
+            used.source, "; ".join(by.sensitivity.not_judged), "Look at the log with companion info, or try --imu."
+        )
+    return judge_lanes(flight, by.best, first.verdict.findings), by.best
+
+
+def redundant_lanes(flight: Flight, settings: Settings, own: Assessment) -> tuple[Lanes, BestEstimate] | None:
+    """The same of a flight that has two numbered lanes or more, and a best estimate of its own; None of any other."""
+    if sum(lane.core is not None for lane in flight.lanes) < 2 or own.best is None:
+        return None
+    try:
+        return lanes_of(flight, settings, own)
+    except DataError:
+        return None
+
+
+def _is_wrong(one: Assessment) -> bool:
+    """Whether the IMU that was assessed is at fault itself."""
+    own = one.comparison.track.instance
+    causes = (f.cause for f in one.verdict.findings if f.severity == "error" and f.side == "imu")
+    return one.best is None or any(cause is None or cause.imu in (None, own) for cause in causes)
+
+
+def _assessed(flight: Flight, settings: Settings, imu: str) -> Assessment | None:
+    try:
+        return assess_imu(flight, settings, imu=imu)
+    except DataError:
+        return None

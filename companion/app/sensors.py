@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from companion.analysis import ImuNoise, ImuSpec, ModelFigure, Preflight, SensorSpec, noise_model, preflight
-from companion.app.toml_file import read_toml
+from companion.app.files import read_toml
 from companion.installation import data_folder
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
 from companion.telemetry import id_parameters

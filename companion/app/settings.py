@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 
 from companion.analysis import HORIZONS_S, Integration, Limits, ReferenceSpec
-from companion.app.toml_file import read_toml
+from companion.app.files import read_toml
 from companion.model import InputError, SettingsError
 from companion.strapdown import METHODS, MIDDLES
 

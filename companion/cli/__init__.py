@@ -1,5 +1,3 @@
 """The command line: the only place that prints and exits."""
 
 from companion.cli.main import main
-
-__all__ = ["main"]

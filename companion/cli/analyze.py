@@ -9,17 +9,17 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Assessment, Finding, rate_warning
-from companion.app.examination import Examination, Unexamined, examine, unexaminable
-from companion.app.recording import Source
+from companion.app.examination import Examination, Unexamined, examined_or_not
 from companion.cli import many_logs, options, parsers, sensor_lines, tables
-from companion.cli.confusion import confusion_lines
 from companion.cli.info import reference_line
-from companion.cli.tables import SIGNS, status_text, wrapped
-from companion.documents import analysis_document, encode, unexamined_document
+from companion.cli.tables import SIGNS, status_text, table, wrapped
+from companion.documents import analysis_document, encode
+from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
 from companion.model import DataError, Flight, counted
 from companion.present import (
     QUANTITIES,
@@ -30,9 +30,12 @@ from companion.present import (
     fixed,
     flight_words,
     method_words,
+    percent,
     ranked,
     redundant_imus_table,
+    shown_unit,
     vehicle_words,
+    with_unit,
     words,
 )
 
@@ -64,42 +67,24 @@ def run(arguments: argparse.Namespace) -> int:
     settings, recording, flight = options.one_flight(arguments)
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
-    if (lacking := unexaminable(flight, settings)) is not None:
-        return _without_imu(lacking, recording.source, arguments)
-    examined = examine(
-        flight,
-        settings,
-        **options.chosen(arguments),
-        anchor=arguments.anchor,
-        confusion=arguments.confusion,
-    )
+    chosen = {**options.chosen(arguments), "anchor": arguments.anchor, "confusion": arguments.confusion}
+    examined = examined_or_not(flight, settings, **chosen)
+    console = tables.console()
     if arguments.json:
         print(encode(analysis_document(recording.source, examined)))
+    elif isinstance(examined, Unexamined):
+        console.lines(*tables.verdict_lines(examined.verdict))
     else:
-        console = tables.console()
         console.lines(*(_everything(examined) if arguments.full else first_screen(examined, console.width)))
         if examined.alignment is not None:
             console.lines(*sensor_lines.alignment_lines(examined.alignment))
         if arguments.confusion:
             console.lines(*confusion_lines(examined.assessment.best, console.width))
-    return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
-
-
-def _without_imu(lacking: Unexamined, source: Source, arguments: argparse.Namespace) -> int:
-    """The verdict on a flight of which no IMU can be judged.
-
-    Where nothing else can either, an exit code that no script takes for an analysis.
-    """
-    if arguments.json:
-        print(encode(unexamined_document(source, lacking)))
-    else:
-        tables.console().lines(*tables.verdict_lines(lacking.verdict))
-    if lacking.says_something:
-        return options.exit_code(arguments.fail_on, [lacking.verdict.status])
-    options.say(
-        f"companion: nothing was analysed. What the log has: companion info {'-' if source.kept_in else source.path}"
-    )
-    return DataError.exit_code
+    if isinstance(examined, Unexamined) and not examined.says_something:  # a code that no script takes for an analysis
+        log = "-" if recording.source.kept_in else recording.source.path
+        options.say(f"companion: nothing was analysed. What the log has: companion info {log}")
+        return DataError.exit_code
+    return options.exit_code(arguments.fail_on, [examined.verdict.status])
 
 
 def _everything(examined: Examination) -> Iterator[str | Table]:
@@ -227,3 +212,78 @@ def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
 def _labelled(label: str, text: str, width: int) -> list[str]:
     lines = wrapped(text, width - _LABEL, 0)
     return [f"[bold]{label:<{_LABEL}}[/]{lines[0]}", *(" " * _LABEL + line for line in lines[1:])]
+
+
+_NO_FAULT = ("perhaps harmless", "cannot tell", "nobody")
+
+
+def confusion_lines(best: BestEstimate | None, width: int) -> Iterator[str | Table]:
+    """Both tables; without a best estimate a line that says so."""
+    yield ""
+    if best is None or best.confusion is None:
+        yield "No confusion matrix: no best estimate could be made."
+        return
+    matrix = best.confusion
+    level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))
+    yield "[bold]Smallest faults, and what one that is not detected does to the best estimate[/]"
+    yield _sizes(matrix, level)
+    yield "\n[bold]Confusion matrix: what a fault of the detectable size is called[/]"
+    yield _called(matrix)
+    yield from _notes(matrix, width)
+
+
+def _sizes(matrix: ConfusionMatrix, level: float) -> Table:
+    """level: of the horizontal Earth field, µT."""
+    shown = table("fault", "detectable", "identifiable", "tilt", "heading", "velocity", "position", left=1)
+    for row in matrix.rows:
+        shown.add_row(
+            _fault(row),
+            _size(row.kind, row.detectable, level),
+            "never" if row.identifiable is None else _size(row.kind, row.identifiable, level),
+            f"{_digits(np.degrees(row.tilt))}°",
+            f"{_digits(np.degrees(row.heading))}°",
+            f"{_digits(row.velocity)} m/s",
+            f"{_digits(row.position)} m",
+        )
+    return shown
+
+
+def _called(matrix: ConfusionMatrix) -> Table:
+    seen = {name for row in matrix.rows for name in row.called}
+    names = [name for name in (*(kind.name for kind in HYPOTHESES), *_NO_FAULT) if name in seen]
+    shown = table("fault", left=1)
+    for name in names:
+        shown.add_column(words(name), justify="right")
+    for row in matrix.rows:
+        shown.add_row(_fault(row), *(percent(row.called[name]) if name in row.called else "" for name in names))
+    return shown
+
+
+def _notes(matrix: ConfusionMatrix, width: int) -> Iterator[str]:
+    yield from wrapped(
+        f"{matrix.draws} data sets a fault, drawn in the middle of the flight with the noise that was learned from it. "
+        "Identifiable: the sensor at fault is accused in 95 % of them. Perhaps harmless: one sensor is known to be "
+        "off, but not whether by enough to be a fault.",
+        width,
+        0,
+    )
+    if matrix.not_shown:
+        yield from wrapped(f"Not detectable at any likely size: {', '.join(map(words, matrix.not_shown))}.", width, 0)
+
+
+def _fault(row: Identifiability) -> str:
+    return f"{words(row.kind)}, {row.lasts:g} s" if row.lasts else words(row.kind)
+
+
+def _size(name: str, value: float, level: float) -> str:
+    """Of a field that turns the angle, as in the verdict."""
+    unit = hypothesis_of(name).unit
+    if name == "compass_field":
+        unit, value = "rad", float(np.arctan(value / max(level, 1e-9)))
+    shown, factor = shown_unit(unit)
+    return with_unit(_digits(value * factor), shown)
+
+
+def _digits(value: float) -> str:
+    """Two digits, and no less than 0.01."""
+    return f"{value:.{max(0, min(2, 1 - int(np.floor(np.log10(max(value, 1e-9))))))}f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from companion.app import destination
+from companion.app import files
 from companion.app.correction import correction_text
 from companion.app.examination import assess_imu
 from companion.cli import options, parsers, sensor_lines, tables
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
             "Write it all the same: --force"
         )
     text = correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})")
-    with destination.replacing(path) as part:
+    with files.replacing(path) as part:
         part.write_text(text, encoding="utf-8")
     options.say(f"written: {path}")
     return 0

@@ -1,24 +1,182 @@
-"""`companion check LOG...`: every flight as a test that passes or fails, for continuous integration."""
+"""`companion check LOG...`: every flight as a test that passes or fails, for continuous integration.
+
+The results are written as JUnit XML (https://github.com/testmoapp/junitxml). A baseline holds how far the IMU drifted
+and what was detectable in flights of one kind.
+"""
 
 from __future__ import annotations
 
 import argparse
+import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree as ET
 
+import msgspec
 from rich.markup import escape
 
-from companion.app import destination
-from companion.app.examination import Examination, Unexamined, examine, unexaminable
+from companion.analysis import Verdict
+from companion.app import files
+from companion.app.examination import Examination, examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, parsers, tables
-from companion.cli.baseline import Baseline, BaselineFlight, compared, measures_of, read_baseline, write_baseline
-from companion.cli.junit import Case, Outcome, Suite, junit_xml
+from companion.documents import SCHEMA
 from companion.fleet import find_logs, short_names
-from companion.model import CompanionError, DataError, Flight, counted
-from companion.present import span
+from companion.model import CompanionError, DataError, InputError, counted
+from companion.present import QUANTITIES, span
+
+Measures = Mapping[str, float]
+"""What a flight is compared by, the smaller the better: "detectable gyro_bias", "drift 10 s position_m". SI, °."""
+
+
+class BaselineFlight(msgspec.Struct, frozen=True):
+    """One flight of the baseline; limits that somebody sets by hand are one too."""
+
+    measures: dict[str, float]
+    log: str = ""
+    vehicle: str = ""
+    boot: int = 1
+
+
+class Baseline(msgspec.Struct, frozen=True):
+    """The file. The worst of its flights is the limit: of N alike, one more is worse than all in 1 of N + 1 cases."""
+
+    flights: tuple[BaselineFlight, ...]
+    schema: int = SCHEMA
+
+    @property
+    def limits(self) -> Measures:
+        """The largest of each measure."""
+        names = dict.fromkeys(name for flight in self.flights for name in flight.measures)
+        return {name: max(f.measures[name] for f in self.flights if name in f.measures) for name in names}
+
+    @property
+    def always(self) -> frozenset[str]:
+        """The measures that every flight of it has."""
+        return frozenset(self.limits).intersection(*(flight.measures for flight in self.flights))
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One measure of a flight beside the baseline's worst."""
+
+    name: str
+    value: float | None  # None: this flight does not have it
+    limit: float
+    is_worse: bool
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return f"not known of this flight, {self.limit:.3g} in the baseline"
+        change = f", {100 * (self.value / self.limit - 1):+.0f} %" if self.limit > 0 else ""
+        return f"{self.value:.3g}, at most {self.limit:.3g} in the baseline{change}"
+
+
+def measures_of(examined: Examination) -> Measures:
+    """The detectable size of each fault, and the median drift at each horizon."""
+    could, rows = examined.assessment.sensitivity.smallest, examined.assessment.drift.rows
+    drift = {
+        f"drift {row.horizon_s:g} s {quantity.attribute}": statistic.median
+        for row in rows
+        for quantity in QUANTITIES
+        if (statistic := getattr(row, quantity.attribute)) is not None
+    }
+    return {f"detectable {kind}": size for kind, size in could.items()} | drift
+
+
+def compared(measures: Measures, baseline: Baseline, tolerance: float) -> Iterator[Compared]:
+    """Each measure of the baseline. One is worse when it is larger by more than the tolerance (0.1 is 10 %).
+
+    So is one that every flight of the baseline has and this one lacks.
+    """
+    for name, limit in baseline.limits.items():
+        value = measures.get(name)
+        if value is not None or name in baseline.always:
+            yield Compared(name, value, limit, value is None or value > limit * (1.0 + tolerance))
+
+
+def read_baseline(path: str) -> Baseline:
+    """Raises InputError for a file that cannot be read or is no baseline."""
+    try:
+        baseline = msgspec.json.decode(Path(path).read_bytes(), type=Baseline)
+    except OSError as error:
+        raise InputError(f"cannot read the baseline {path}: {error.strerror}. Write one: --write-baseline.") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is no baseline: {error}. Write one: --write-baseline.") from None
+    if not baseline.limits:
+        raise InputError(f"the baseline {path} has no measures: it would let everything pass.")
+    return baseline
+
+
+def write_baseline(path: Path, flights: Sequence[BaselineFlight]) -> None:
+    """Raises InputError where there is nothing to write, or no place."""
+    if not flights:
+        raise InputError("no baseline written: none of the flights could be examined.")
+    with files.replacing(path) as part:
+        part.write_bytes(msgspec.json.format(msgspec.json.encode(Baseline(tuple(flights))), indent=2) + b"\n")
+
+
+Outcome = Literal["passed", "failure", "error", "skipped"]
+
+_ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What no XML 1.0 document may hold: texts of a vehicle and names of files are of any bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One test."""
+
+    name: str
+    outcome: Outcome = "passed"
+    text: str = ""  # why it did not pass
+    output: str = ""  # what else there is to know
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """The tests of one log."""
+
+    name: str
+    seconds: float
+    cases: Sequence[Case] = field(default=())
+
+    def count(self, outcome: Outcome) -> int:
+        return sum(case.outcome == outcome for case in self.cases)
+
+
+def junit_xml(name: str, suites: Sequence[Suite]) -> bytes:
+    """The document, UTF-8."""
+    top = ET.Element("testsuites", {"name": name} | _counts(suites))
+    for suite in suites:
+        of_log = ET.SubElement(top, "testsuite", {"name": _legal(suite.name)} | _counts([suite]))
+        for case in suite.cases:
+            one = ET.SubElement(of_log, "testcase", classname=_legal(suite.name), name=_legal(case.name))
+            if case.outcome != "passed":
+                first, _, _ = case.text.partition("\n")
+                ET.SubElement(one, case.outcome, message=_legal(first)).text = _legal(case.text)
+            if case.output:
+                ET.SubElement(one, "system-out").text = _legal(case.output)
+    ET.indent(top)
+    text: bytes = ET.tostring(top, encoding="utf-8", xml_declaration=True)
+    return text
+
+
+def _counts(suites: Sequence[Suite]) -> dict[str, str]:
+    totals: dict[str, Outcome] = {"failures": "failure", "errors": "error", "skipped": "skipped"}
+    return {
+        "tests": str(sum(len(suite.cases) for suite in suites)),
+        **{name: str(sum(suite.count(outcome) for suite in suites)) for name, outcome in totals.items()},
+        "time": f"{sum(suite.seconds for suite in suites):.3f}",
+    }
+
+
+def _legal(text: str) -> str:
+    return _ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text)
+
 
 _SIGNS: dict[Outcome, str] = {
     "passed": "[green]PASS[/]", "failure": "[red]FAIL[/]", "error": "[red]ERROR[/]", "skipped": "[yellow]SKIP[/]",
@@ -56,7 +214,7 @@ def run(arguments: argparse.Namespace) -> int:
     baseline = read_baseline(arguments.baseline) if arguments.baseline else None
     for name in (arguments.junit, arguments.write_baseline):
         if name:
-            destination.check(Path(name), force=True)
+            files.check(Path(name), force=True)
     console, suites, flown = tables.console(), list[Suite](), list[BaselineFlight]()
     paths = [one.path for one in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
     names = short_names(paths)
@@ -68,7 +226,7 @@ def run(arguments: argparse.Namespace) -> int:
                 console.lines(f"{_SIGNS[case.outcome]}  {escape(f'{names[path]}, {case.name}: {case.text}')}")
         suites.append(Suite(names[path], time.monotonic() - began, cases))
     if arguments.junit:
-        with destination.replacing(Path(arguments.junit)) as part:
+        with files.replacing(Path(arguments.junit)) as part:
             part.write_bytes(junit_xml("companion", suites))
     if arguments.write_baseline:
         write_baseline(Path(arguments.write_baseline), flown)
@@ -102,11 +260,11 @@ def _cases(
             yield Case(f"{vehicle}: verdict", "error", str(error))
             continue
         try:
-            examined = _examined(flight, settings, arguments)
+            examined = examined_or_not(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
         except DataError as error:
             yield Case(f"{vehicle}: verdict", "skipped" if arguments.fail_on == "suspect" else "failure", str(error))
             continue
-        yield _verdict(vehicle, examined, arguments.fail_on)
+        yield _verdict(vehicle, examined.verdict, arguments.fail_on)
         if isinstance(examined, Examination):
             measures = measures_of(examined)
             flown.append(BaselineFlight(dict(measures), name, str(flight.vehicle), flight.boot))
@@ -114,13 +272,7 @@ def _cases(
                 yield Case(f"{vehicle}: {one.name}", *(("failure", str(one)) if one.is_worse else ()))
 
 
-def _examined(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> Examination | Unexamined:
-    lacking = unexaminable(flight, settings)
-    return lacking or examine(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
-
-
-def _verdict(vehicle: str, of: Examination | Unexamined, fail_on: str) -> Case:
-    verdict = of.assessment.verdict if isinstance(of, Examination) else of.verdict
+def _verdict(vehicle: str, verdict: Verdict, fail_on: str) -> Case:
     outcome: Outcome = "passed"
     if options.exit_code(fail_on, [verdict.status]):
         outcome = "failure"

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from companion.analysis import Replay, ape
-from companion.app import destination
+from companion.app import files
 from companion.app.examination import examine
 from companion.cli import options, parsers
 from companion.documents import analysis_document
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the flight."""
     path = Path(arguments.output)
     kind = FORMATS[arguments.format or _by_name(path)]
-    (destination.check_folder if kind.is_folder else destination.check)(path, force=arguments.force)
+    (files.check_folder if kind.is_folder else files.check)(path, force=arguments.force)
     settings, recording, flight = options.one_flight(arguments)
     contents: Contents | None = None
     try:
@@ -48,12 +48,12 @@ def run(arguments: argparse.Namespace) -> int:
         of_flight = tables(flight, shown, examined.assessment)
         document = partial(analysis_document, recording.source, examined)
         contents = Contents(flight, examined.assessment, shown, of_flight, document)
-    with (destination.filling if kind.is_folder else destination.replacing)(path) as place:
+    with (files.filling if kind.is_folder else files.replacing)(path) as place:
         if contents is not None:
-            files = kind.write(place, contents)
+            written = kind.write(place, contents)
         elif kind.bare is not None:
-            files = kind.bare(place, tables(flight))
-    names = ", ".join(file.name for file in files) if kind.is_folder else ""
+            written = kind.bare(place, tables(flight))
+    names = ", ".join(file.name for file in written) if kind.is_folder else ""
     print(f"written: {path}" + (f": {names}" if names else ""))
     if kind.name == "tum" and contents is not None:
         print(_ape_line(contents.shown))

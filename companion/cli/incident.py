@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from companion.analysis import Assessment, incident
-from companion.app import destination
+from companion.app import files
 from companion.app.examination import assess_imu, unexaminable
 from companion.app.settings import Settings
 from companion.cli import options, parsers
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         page = incident_html(shown, flight, None if assessment is None else assessment.best, verdict, name)
     else:
         page = incident_markdown(shown, flight, verdict, name)
-    with destination.replacing(path) as part:
+    with files.replacing(path) as part:
         part.write_text(page, encoding="utf-8")
     options.say(f"written: {path}")
     return 0

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from rich.table import Table
 
 from companion.analysis import Lanes
-from companion.app.examination import assess_imu
-from companion.app.lanes import lanes_of
+from companion.app.examination import assess_imu, lanes_of
 from companion.cli import options, parsers, tables
 from companion.documents import encode, lanes_document
 from companion.estimation import BestEstimate

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from companion.cli import options, stdin, unexpected_error
+from companion.cli import options, unexpected_error
 from companion.cli.commands import COMMANDS
 from companion.model import CompanionError, SettingsError, nearest_word
 
@@ -58,7 +58,7 @@ def _run(given: list[str]) -> int:
     arguments, unknown = parser(given[0]).parse_known_args(given)
     if unknown:
         raise SettingsError(_no_such(unknown[0], arguments.command))
-    with stdin.kept(arguments, options.most_bytes):
+    with options.kept(arguments):
         code: int = arguments.run(arguments)
     return code
 

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Item, inventory, used_imus
-from companion.app.examination import examine, unexaminable
+from companion.app.examination import Examination, examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
@@ -132,14 +132,12 @@ def _rows(arguments: argparse.Namespace, cells: _Cells) -> Iterator[tuple[str, t
 
 def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> tuple[str, str, str]:
     """Status, sentence, and drift of the IMU."""
-    if (lacking := unexaminable(flight, settings)) is not None:
-        return lacking.verdict.status, clause(lacking.verdict.summary), ""
     try:
-        examined = examine(flight, settings, **options.chosen(arguments)).assessment
+        examined = examined_or_not(flight, settings, **options.chosen(arguments))
     except CompanionError as error:
         return "insufficient_data", str(error), ""
     drift = ""
-    for row in examined.drift.rows:
+    for row in examined.assessment.drift.rows if isinstance(examined, Examination) else ():
         if row.horizon_s == _HORIZON_S and row.attitude_deg is not None:
             parts = [f"{fixed(row.attitude_deg.median)}°"]
             parts += [f"{fixed(row.position_m.median)} m"] if row.position_m is not None else []

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import FlightNoise, ImuNoise, RestNoise
-from companion.app import destination
+from companion.app import files
 from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
@@ -79,22 +79,22 @@ def _all(
 
 def _check(path: Path, *, force: bool) -> None:
     if path.suffix in _FILES:
-        destination.check(path, force=force)
+        files.check(path, force=force)
     elif path.suffix:
         raise InputError(
             f"cannot write {path}: the name has to end in .yaml (Kalibr), .toml (--imu-model) or be a folder."
         )
     else:
-        destination.check_folder(path, force=force)
+        files.check_folder(path, force=force)
 
 
 def _write(path: Path, noise: ImuNoise, origin: str) -> None:
     texts = {"kalibr": kalibr_text, "model": imu_model_text}
     if (kind := _FILES.get(path.suffix)) is not None:
-        with destination.replacing(path) as part:
+        with files.replacing(path) as part:
             part.write_text(texts[kind](noise, origin), encoding="utf-8")
     else:
-        with destination.filling(path) as folder:
+        with files.filling(path) as folder:
             (folder / "imu.yaml").write_text(kalibr_text(noise, origin), encoding="utf-8")
             (folder / "imu.toml").write_text(imu_model_text(noise, origin), encoding="utf-8")
     options.say(f"written: {path} ({noise.imu})")

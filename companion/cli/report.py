@@ -8,8 +8,8 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from companion.app import destination
-from companion.app.examination import examine, unexaminable
+from companion.app import files
+from companion.app.examination import examined_or_not
 from companion.cli import options, parsers
 
 
@@ -24,24 +24,19 @@ def add_options(parser: parsers.Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report of one flight."""
-    from companion.report import bare_html, report_html  # noqa: PLC0415  (--help needs none of it)
+    from companion.report import report_html  # noqa: PLC0415  (--help needs none of it)
 
     path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
-    destination.check(path, force=arguments.force)
+    files.check(path, force=arguments.force)
     settings, recording, flight = options.one_flight(arguments, every_message=True)
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
-    command, source = shlex.join(["companion", *sys.argv[1:]]), recording.source
-    if (lacking := unexaminable(flight, settings)) is not None:
-        summary = lacking.verdict.summary
-        page = bare_html(lacking, source, settings, command=command)
-    else:
-        examined = examine(flight, settings, **options.chosen(arguments))
-        summary = examined.assessment.verdict.summary
-        page = report_html(examined, source, settings, command=command, with_playback=not arguments.no_playback)
-    with destination.replacing(path) as part:
+    examined = examined_or_not(flight, settings, **options.chosen(arguments))
+    command, playback = shlex.join(["companion", *sys.argv[1:]]), not arguments.no_playback
+    page = report_html(examined, recording.source, settings, command=command, with_playback=playback)
+    with files.replacing(path) as part:
         part.write_text(page, encoding="utf-8")
     if arguments.open:
         webbrowser.open(path.resolve().as_uri())
-    print(f"{path}: {path.stat().st_size:,} bytes. {summary}")
+    print(f"{path}: {path.stat().st_size:,} bytes. {examined.verdict.summary}")
     return 0

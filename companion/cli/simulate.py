@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from companion.analysis import ImuSpec, SensorSpec
-from companion.app import destination
+from companion.app import files
 from companion.app.sensors import ardupilot_id, load_imu_spec
 from companion.cli import live, options, parsers
 from companion.links import open_port, parse_address
@@ -90,8 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if arguments.output:
         path = Path(arguments.output)
-        destination.check(path, force=True)
-        with destination.replacing(path) as part:
+        files.check(path, force=True)
+        with files.replacing(path) as part:
             write_flight(vehicle, part)
         print(f"{arguments.output}: {Path(arguments.output).stat().st_size:,} bytes, {flown.duration:.0f} s")
         return 0

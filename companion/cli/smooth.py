@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in_flight, percent
-from companion.app import destination
+from companion.app import files
 from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, parsers, tables
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print(flight, best, errors, believed, how.limits)
     if path is not None:
-        with destination.replacing(path) as part:
+        with files.replacing(path) as part:
             write_estimate_tum(part, flight, best)
         options.say(f"written: {path} ({best.imu.source})")
     return 0

@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.markup import escape
 
-from companion.app.examination import examine, unexaminable
+from companion.app.examination import examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import live, options, parsers, tables
@@ -115,9 +115,8 @@ def verdicts(path: Path, folder: Path, settings: Settings) -> Iterator[Line]:
 
 
 def _verdict(flight: Flight, settings: Settings) -> Line:
-    lacking = unexaminable(flight, settings)
     try:
-        verdict = lacking.verdict if lacking else examine(flight, settings).assessment.verdict
+        verdict = examined_or_not(flight, settings).verdict
     except DataError as error:
         return {"status": "insufficient_data", "summary": str(error)}
     return {"status": verdict.status, "summary": verdict.summary}

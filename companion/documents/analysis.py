@@ -1,7 +1,4 @@
-"""`companion analyze --json` and `companion compare --json` (docs/json.md).
-
-Also here: the confusion matrix of faults in `companion analyze --json` (docs/json.md).
-"""
+"""`companion analyze --json`, `companion compare --json` and `companion incident --json` (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -18,14 +15,16 @@ from companion.analysis import (
     DriftRow,
     Expected,
     Finding,
+    Incident,
     Sensitivity,
     Verdict,
 )
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain
-from companion.documents.info import reference
+from companion.documents.log import reference
 from companion.estimation import ConfusionMatrix, hypothesis_of
+from companion.model import Flight
 
 
 def confusion_part(matrix: ConfusionMatrix | None) -> Document | None:
@@ -60,15 +59,16 @@ _FITTED = {
 """Part of a calibration → the unit at the end of its key."""
 
 
-def analysis_document(source: Source, examined: Examination) -> Document:
-    """An examined flight."""
+def analysis_document(source: Source, examined: Examination | Unexamined) -> Document:
+    """An examined flight; of one that cannot be examined its verdict, and what the log has."""
+    if isinstance(examined, Unexamined):
+        return _analysis(source, examined, None, notes=examined.flight.notes)
     assessment = examined.assessment
     table, comparison, noise = assessment.drift, assessment.comparison, assessment.measured_noise
     rows = list(zip(table.rows, assessment.expected, strict=True))
     return _analysis(
         source,
         examined,
-        assessment.verdict,
         assessment.sensitivity,
         used_imu=table.imu,
         method=table.method,
@@ -118,11 +118,6 @@ def analysis_document(source: Source, examined: Examination) -> Document:
     )
 
 
-def unexamined_document(source: Source, unexamined: Unexamined) -> Document:
-    """The same of a flight that cannot be examined: its verdict, and what the log has."""
-    return _analysis(source, unexamined, unexamined.verdict, None, notes=unexamined.flight.notes)
-
-
 def contrast_document(
     contrast: Contrast, a: tuple[Source, Examination], b: tuple[Source, Examination], *, same_flight: bool
 ) -> Document:
@@ -158,7 +153,6 @@ def contrast_document(
 def _analysis(
     source: Source,
     of_flight: Examination | Unexamined,
-    verdict: Verdict,
     could: Sensitivity | None,
     confusion: Document | None = None,
     **known: Any,
@@ -192,7 +186,7 @@ def _analysis(
         "alignment": None,
         "imus": [],
         **known,
-        "verdict": _verdict(verdict, could),
+        "verdict": _verdict(of_flight.verdict, could),
         "confusion": confusion,
     }
     return document(source, [analysed])
@@ -267,3 +261,13 @@ def _alignment(alignment: Alignment) -> Document:
         "magnetic_minus_autopilot_rad": alignment.magnetic_error_rad,
         **of(alignment, "later", "notes"),
     }
+
+
+def incident_document(source: Source, flight: Flight, incident: Incident) -> Document:
+    """The seconds around an incident."""
+    content = {
+        **flight_head(flight),
+        "moment": {"t_s": incident.moment.t, **of(incident.moment, "kind", "text")},
+        **of(incident, "start_s", "end_s", "causes", "timeline", "imus", "tracking", "outputs", "missing"),
+    }
+    return document(source, [content])

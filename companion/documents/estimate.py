@@ -1,4 +1,4 @@
-"""`companion smooth --json` (docs/json.md)."""
+"""`companion smooth --json` and `companion lanes --json` (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.analysis import AutopilotError
+from companion.analysis import AutopilotError, Lanes, LaneSpan
 from companion.app.recording import Source
 from companion.documents.document import Document, document, flight_head, of
 from companion.estimation import CONSTANTS, BestEstimate, Explained, hypothesis_of, probabilities
@@ -83,3 +83,32 @@ def _bias(value: Array, sigma: Array, autopilot: Array | None) -> Document:
         "last": value[-1],
         "autopilot": np.nanmean(autopilot, axis=0) if autopilot is not None and known else None,
     }
+
+
+def lanes_document(source: Source, flight: Flight, best: BestEstimate, lanes: Lanes) -> Document:
+    """A flight's lanes against its best estimate."""
+    judged = {
+        **flight_head(flight),
+        "imu": best.imu.source,
+        "lanes": [
+            {**of(one, "name", "core", "source", "imu"), "start_s": float(one.t[0]), "end_s": float(one.t[-1])}
+            for one in lanes.lanes
+        ],
+        "flown": [] if lanes.in_use is None else [{"t_s": t, "core": core} for t, core in lanes.in_use.changes],
+        "switches": [
+            {
+                "t_s": one.t,
+                **of(one, "before", "after", "judgement", "probability", "end_s"),
+                "quantity": one.quantity or None,
+                **of(one, "before_size", "after_size", "sigma", "reset_s", "why"),
+            }
+            for one in lanes.switches
+        ],
+        "spans": [_span(one) for one in lanes.spans],
+        "notes": lanes.notes,
+    }
+    return document(source, [judged])
+
+
+def _span(span: LaneSpan) -> Document:
+    return {**of(span, "what", "start_s", "end_s", "flown", "right", "readers"), "lanes": span.lanes}

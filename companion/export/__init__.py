@@ -18,27 +18,6 @@ from companion.export.tum import write_estimate_tum, write_tum
 
 reckoning_of = assessed_replay  # deprecated: its old name
 
-__all__ = [
-    "FORMATS",
-    "Column",
-    "Contents",
-    "Format",
-    "Table",
-    "assessed_replay",
-    "harmless",
-    "kalibr_text",
-    "reckoning_of",
-    "series_name",
-    "tables",
-    "write_annotations",
-    "write_csv",
-    "write_estimate_tum",
-    "write_json",
-    "write_kml",
-    "write_mcap",
-    "write_parquet",
-    "write_tum",
-]
 
 _MODULES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
 FORMATS: Mapping[str, Format] = {one.name: one for module in _MODULES for one in getattr(module, "FORMATS", ())}

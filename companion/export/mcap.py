@@ -3,23 +3,161 @@
 Frames: `enu` (x east, y north, z up) is the root, so that what is shown in it stands the right way up; `ned` hangs in
 it; `autopilot_frd`, `imu_frd` and `best_frd` (x forward, y right, z down) move in `ned`; `autopilot`, `imu` and `best`
 are the same bodies with Foxglove's and ROS's axes (FLU: x forward, y left, z up), for models and cameras.
+
+Messages are JSON as Foxglove knows them, each with a schema that is matched by its name; times are {sec, nsec},
+quaternions xyzw: https://docs.foxglove.dev/docs/visualization/message-schemas. The layout that shows the file in
+Foxglove is imported with *Import from file*.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from companion.analysis import Assessment, Replay
-from companion.export import foxglove
 from companion.export.channels import Channel, Schema, clock_of, stamps_of, write_channels
 from companion.export.kml import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.model import Array, Flight, words
+
+Message = dict[str, Any]
+JsonSchema = dict[str, Any]
+
+_NUMBER: JsonSchema = {"type": "number"}
+_COUNT: JsonSchema = {"type": "integer", "minimum": 0}
+_TEXT: JsonSchema = {"type": "string"}
+
+
+def _object(title: str = "", **properties: JsonSchema) -> JsonSchema:
+    return {**({"title": title} if title else {}), "type": "object", "properties": properties}
+
+
+_TIME = _object("time", sec=_COUNT, nsec=_COUNT)
+_VECTOR = _object("foxglove.Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
+_QUATERNION = _object("foxglove.Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
+_POSE = _object("foxglove.Pose", position=_VECTOR, orientation=_QUATERNION)
+
+
+def _in_frame(title: str, **properties: JsonSchema) -> JsonSchema:
+    return _object(title, timestamp=_TIME, frame_id=_TEXT, **properties)
+
+
+POSE = _in_frame("foxglove.PoseInFrame", pose=_POSE)
+TRANSFORM = _object(
+    "foxglove.FrameTransform", timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR,
+    rotation=_QUATERNION,
+)  # fmt: skip
+LOCATION = _in_frame(
+    "foxglove.LocationFix", latitude=_NUMBER, longitude=_NUMBER, altitude=_NUMBER,
+    position_covariance={"type": "array", "items": _NUMBER, "minItems": 9, "maxItems": 9},
+    position_covariance_type={**_COUNT, "maximum": 3},
+)  # fmt: skip
+LOG = _object(
+    "foxglove.Log", timestamp=_TIME, level={**_COUNT, "maximum": 5}, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT
+)
+IMU = _in_frame("companion.Imu", angular_velocity=_VECTOR, specific_force=_VECTOR)  # rad/s, m/s²
+ERROR = _in_frame(
+    "companion.ReckoningError", attitude_deg=_NUMBER, velocity_mps=_NUMBER, position_m=_NUMBER,
+    attitude=_VECTOR, velocity=_VECTOR, position=_VECTOR,
+)  # fmt: skip
+"""Vectors: rad, m/s, m."""
+_COLOUR = _object("foxglove.Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
+_LINE = _object(
+    "foxglove.LinePrimitive", type={**_COUNT, "maximum": 2}, pose=_POSE, thickness=_NUMBER,
+    scale_invariant={"type": "boolean"}, points={"type": "array", "items": _VECTOR}, color=_COLOUR,
+    colors={"type": "array", "items": _COLOUR}, indices={"type": "array", "items": {"type": "integer"}},
+)  # fmt: skip
+_ENTITY = _in_frame(
+    "foxglove.SceneEntity", id=_TEXT, lifetime=_TIME, frame_locked={"type": "boolean"},
+    lines={"type": "array", "items": _LINE},
+)  # fmt: skip
+SCENE = _object("foxglove.SceneUpdate", timestamp=_TIME, entities={"type": "array", "items": _ENTITY})
+
+_NO_COVARIANCE = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
+LEVELS = {"info": 2, "warning": 3, "error": 4}
+_MAV_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
+"""MAV_SEVERITY 0 emergency ... 7 debug → foxglove.LogLevel."""
+
+
+def series_schema(name: str, columns: Sequence[str]) -> JsonSchema:
+    """The schema of a table of numbers: one property a column, null where the vehicle does not know."""
+    numbers: Mapping[str, JsonSchema] = {column: {"type": ["number", "null"]} for column in columns}
+    return _object(f"companion.{name}", timestamp=_TIME, **numbers)
+
+
+def poses(frame_id: str, position: Array, q: Array) -> Iterator[Message]:
+    """PoseInFrame without its time."""
+    for p, r in zip(_vectors(position), _quaternions(q), strict=True):
+        yield {"frame_id": frame_id, "pose": {"position": p, "orientation": r}}
+
+
+def transforms(parent: str, child: str, position: Array, q: Array) -> Iterator[Message]:
+    """FrameTransform without its time: where the child stands in the parent; q turns the child's vectors into it."""
+    for p, r in zip(_vectors(position), _quaternions(q), strict=True):
+        yield {"parent_frame_id": parent, "child_frame_id": child, "translation": p, "rotation": r}
+
+
+def locations(frame_id: str, places: Array) -> Iterator[Message]:
+    """LocationFix without its time, of latitude °, longitude °, height m (N, 3)."""
+    for latitude, longitude, altitude in places.tolist():
+        yield {
+            "frame_id": frame_id, "latitude": latitude, "longitude": longitude, "altitude": altitude, **_NO_COVARIANCE,
+        }  # fmt: skip
+
+
+def line(name: str, position: Array, colour: tuple[int, int, int]) -> Message:
+    """SceneUpdate without its time: a path (N, 3) NED m as one line, 2 pixels wide, that stays."""
+    at_once = {"sec": 0, "nsec": 0}
+    here = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    shade = dict(zip("rgb", (c / 255 for c in colour), strict=True)) | {"a": 1.0}
+    strip = {
+        "type": 0, "pose": here, "thickness": 2.0, "scale_invariant": True, "points": list(_vectors(position)),
+        "color": shade, "colors": [], "indices": [],
+    }  # fmt: skip
+    entity = {
+        "timestamp": at_once, "frame_id": "ned", "id": name, "lifetime": at_once, "frame_locked": False,
+        "lines": [strip],
+    }  # fmt: skip
+    return {"entities": [entity]}
+
+
+def readings(frame_id: str, gyro: Array, accel: Array) -> Iterator[Message]:
+    """companion.Imu without its time."""
+    for rate, force in zip(_vectors(gyro), _vectors(accel), strict=True):
+        yield {"frame_id": frame_id, "angular_velocity": rate, "specific_force": force}
+
+
+def errors(attitude: Array, velocity: Array, position: Array) -> Iterator[Message]:
+    """companion.ReckoningError without its time: each as a length and as a vector in NED."""
+    lengths = (np.linalg.norm(error, axis=1) for error in (np.degrees(attitude), velocity, position))
+    names = ("attitude_deg", "velocity_mps", "position_m", "attitude", "velocity", "position")
+    vectors = (_vectors(error) for error in (attitude, velocity, position))
+    for row in zip(*(length.tolist() for length in lengths), *vectors, strict=True):
+        yield {"frame_id": "ned", **dict(zip(names, row, strict=True))}
+
+
+def log(level: int, message: str, name: str) -> Message:
+    """Log without its time."""
+    return {"level": level, "message": message, "name": name, "file": "", "line": 0}
+
+
+def level_of(severity: int) -> int:
+    """foxglove.LogLevel of a MAV_SEVERITY; unknown for one that there is not."""
+    return _MAV_LEVELS[severity] if 0 <= severity < len(_MAV_LEVELS) else 0
+
+
+def _vectors(values: Array) -> Iterator[Message]:
+    return ({"x": x, "y": y, "z": z} for x, y, z in values.tolist())
+
+
+def _quaternions(q: Array) -> Iterator[Message]:
+    return ({"x": x, "y": y, "z": z, "w": w} for w, x, y, z in q.tolist())
+
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
 _FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
@@ -32,9 +170,9 @@ class Topic:
     """One channel: its messages in order of time, without their `timestamp`."""
 
     name: str
-    schema: foxglove.Schema
+    schema: JsonSchema
     t: Array  # (N,) s, boot clock
-    messages: Iterable[foxglove.Message]  # N
+    messages: Iterable[Message]  # N
 
 
 def write_mcap(
@@ -65,34 +203,34 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
         ("enu", "ned", _NED_IN_ENU),
         *((f"{name}_frd", name, _FLU_IN_FRD) for name, *_ in bodies),
     ):
-        (still,) = foxglove.transforms(parent, child, _HERE, q)
-        yield Topic("/tf", foxglove.TRANSFORM, beats, [still] * len(beats))
+        (still,) = transforms(parent, child, _HERE, q)
+        yield Topic("/tf", TRANSFORM, beats, [still] * len(beats))
     drawn = paths(shown, best)
     for name, times, position, q in bodies:
-        yield Topic("/tf", foxglove.TRANSFORM, times, foxglove.transforms("ned", f"{name}_frd", position, q))
-        yield Topic(f"/{name}/pose", foxglove.POSE, times, foxglove.poses("ned", position, q))
+        yield Topic("/tf", TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
+        yield Topic(f"/{name}/pose", POSE, times, poses("ned", position, q))
         if name in drawn and (where := geodetic(flight, position, best if name == "best" else None)) is not None:
-            yield Topic(f"/{name}/location", foxglove.LOCATION, times, foxglove.locations(name, where))
+            yield Topic(f"/{name}/location", LOCATION, times, locations(name, where))
     for name, path in drawn.items():
-        yield Topic("/paths", foxglove.SCENE, t[:1], [foxglove.line(name, path, COLOURS[name])])
+        yield Topic("/paths", SCENE, t[:1], [line(name, path, COLOURS[name])])
     velocity, position = shown.velocity_error, shown.position_error
-    yield Topic("/error", foxglove.ERROR, t, foxglove.errors(shown.attitude_error, velocity, position))
+    yield Topic("/error", ERROR, t, errors(shown.attitude_error, velocity, position))
     for name, track in flight.imus.items():
-        messages = foxglove.readings("imu_frd", track.gyro, track.accel)
-        yield Topic(f"/imu/{name}", foxglove.IMU, track.t, messages)
+        messages = readings("imu_frd", track.gyro, track.accel)
+        yield Topic(f"/imu/{name}", IMU, track.t, messages)
     texts = sorted(flight.texts, key=lambda text: text.t)
-    rows = [foxglove.log(foxglove.level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
-    yield Topic("/statustext", foxglove.LOG, np.array([text.t for text in texts]), rows)
+    rows = [log(level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
+    yield Topic("/statustext", LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
-    rows = [foxglove.log(foxglove.LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
-    yield Topic("/findings", foxglove.LOG, np.array([finding.start_s for finding in findings]), rows)
+    rows = [log(LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
+    yield Topic("/findings", LOG, np.array([finding.start_s for finding in findings]), rows)
 
 
 def _series(table: Table) -> Topic:
     columns = [column for column in table if column.name not in ("t_s", "unix_s")]
     names = [column.name for column in columns]
     rows = zip(*(column.values.tolist() for column in columns), strict=True)
-    schema = foxglove.series_schema(table.name, names)
+    schema = series_schema(table.name, names)
     return Topic(f"/{table.name}", schema, table["t_s"], (dict(zip(names, row, strict=True)) for row in rows))
 
 
@@ -129,4 +267,74 @@ def _write(path: Path, one: Contents) -> list[Path]:
     return [path]
 
 
-FORMATS = (Format("mcap", "Foxglove", _write),)
+_CAMERA = {"perspective": True, "distance": 40, "phi": 60, "thetaOffset": 45, "fovy": 45, "near": 0.5, "far": 20000}
+_GRID = {
+    "layerId": "foxglove.Grid",
+    "instanceId": "grid",
+    "visible": True,
+    "frameId": "enu",
+    "size": 200,
+    "divisions": 20,
+}
+
+
+def layout(topics: Collection[str]) -> dict[str, Any]:
+    """The layout for a file with these topics."""
+    panels: dict[str, dict[str, Any]] = {
+        "3D!flight": {
+            "cameraState": _CAMERA,
+            "followMode": "follow-position",
+            "followTf": "autopilot",
+            "scene": {},
+            "transforms": {},
+            "topics": {"/paths": {"visible": True}},
+            "layers": {"grid": _GRID},
+        },
+        "map!flight": {"followTopic": "/autopilot/location", "disabledTopics": [], "layer": "map", "zoomLevel": 16},
+        "RosOut!findings": {"topicToRender": "/findings", "minLogLevel": 1, "searchTerms": []},
+        "Plot!attitude": _plot("Attitude error, °", "/error.attitude_deg"),
+        "Plot!position": _plot("Position error, m", "/error.position_m"),
+        "RosOut!vehicle": {"topicToRender": "/statustext", "minLogLevel": 1, "searchTerms": []},
+    }
+    if "/autopilot/location" not in topics:
+        del panels["map!flight"]
+    first, *others = panels
+    return {
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": {"direction": "row", "first": first, "second": _column(others), "splitPercentage": 60},
+    }
+
+
+def _plot(title: str, value: str) -> dict[str, Any]:
+    path = {"value": value, "enabled": True, "timestampMethod": "headerStamp"}
+    return {
+        "title": title, "paths": [path], "xAxisVal": "timestamp", "isSynced": True, "showLegend": False,
+        "showXAxisLabels": True, "showYAxisLabels": True,
+    }  # fmt: skip
+
+
+def _column(names: list[str]) -> str | dict[str, Any]:
+    """Panels of one height, one under the other."""
+    first, *others = names
+    if not others:
+        return first
+    share = 100 / len(names)
+    return {"direction": "column", "first": first, "second": _column(others), "splitPercentage": share}
+
+
+def _write_with_layout(folder: Path, one: Contents) -> list[Path]:
+    channels, about = of_contents(one)
+    flight, arrangement = folder / "flight.mcap", folder / "layout.json"
+    write_channels(flight, channels, about)
+    text = msgspec.json.encode(layout({channel.topic for channel in channels}))
+    arrangement.write_bytes(msgspec.json.format(text, indent=2))
+    return [flight, arrangement]
+
+
+FORMATS = (
+    Format("foxglove", "the same with a layout", _write_with_layout, is_folder=True),
+    Format("mcap", "Foxglove", _write),
+)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from companion.fleet.records import LogRecord, Plan
+from companion.fleet.journal import LogRecord, Plan
 from companion.fleet.search import FoundLog
 from companion.fleet.task import decode, examine_log
 from companion.installation import missing

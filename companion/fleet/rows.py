@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from companion.documents import Document
 from companion.export import harmless
-from companion.fleet.journal import printable
-from companion.fleet.records import FlightRecord, LogRecord
+from companion.fleet.journal import FlightRecord, LogRecord, printable
 from companion.fleet.search import FoundLog
 from companion.present import QUANTITIES, STATISTICS
 

@@ -16,13 +16,12 @@ from pathlib import Path
 
 import msgspec
 
-from companion.app.destination import replacing
+from companion.app.files import replacing
 from companion.app.settings import Settings
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
-from companion.fleet.journal import Journal, printable
+from companion.fleet.journal import Journal, LogRecord, Plan, printable, version_of
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.page import fleet_html
-from companion.fleet.records import LogRecord, Plan, version_of
 from companion.fleet.rows import COLUMNS, Rows, arrow_table, rows_of
 from companion.fleet.search import FoundLog
 from companion.installation import missing

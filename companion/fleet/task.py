@@ -19,15 +19,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from companion.app.destination import replacing
-from companion.app.examination import Examination, examine, unexaminable
+from companion.app.examination import Examination, Unexamined, examined_or_not
+from companion.app.files import replacing
 from companion.app.recording import Recording, read_recording
 from companion.app.settings import Settings
-from companion.documents import analysis_document, unexamined_document
+from companion.documents import analysis_document
 from companion.fleet.history import checks_of, gyros_of
-from companion.fleet.journal import printable
+from companion.fleet.journal import FlightRecord, LogRecord, Plan, printable, version_of
 from companion.fleet.limits import TimeUpError, limited
-from companion.fleet.records import FlightRecord, LogRecord, Plan, version_of
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.search import FoundLog
 from companion.model import CompanionError, DataError, Flight, InputError
@@ -98,16 +97,13 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         gyros=gyros_of(flight),
         checks=checks_of(flight),
     )
-    if (lacking := unexaminable(flight, settings)) is not None:
-        (analysis,) = unexamined_document(recording.source, lacking)["flights"]
-        return msgspec.structs.replace(record, analysis=analysis)
     try:
-        examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
+        examined = examined_or_not(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
         (analysis,) = analysis_document(recording.source, examined)["flights"]
     except Exception as error:  # noqa: BLE001  (its other flights may be good)
         return msgspec.structs.replace(record, error=_in_words(error))
     record = msgspec.structs.replace(record, analysis=analysis)
-    if plan.folder is None:
+    if plan.folder is None or isinstance(examined, Unexamined):
         return record
     try:
         page = write_report(Path(plan.folder), recording, examined, settings, digest)

@@ -3,5 +3,3 @@
 from companion.installation.data import DEMO, data_folder, log_path
 from companion.installation.install_command import install_command, missing
 from companion.installation.libraries import EXTRAS, Library, libraries
-
-__all__ = ["DEMO", "EXTRAS", "Library", "data_folder", "install_command", "libraries", "log_path", "missing"]

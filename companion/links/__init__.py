@@ -1,40 +1,12 @@
 """Vehicles on a link: transports, the session, what is asked for, and the recording. The only sockets."""
 
 from companion.links.link import Link, LinkHealth, open_port
-from companion.links.original_rates import state_folder
 from companion.links.playback import Played, play
 from companion.links.ports import Address, NotThereError, Port, is_link, meant_link, parse_address
 from companion.links.recorder import Recorder
 from companion.links.requests import ForbiddenMessageError, Request, Target, announce
+from companion.links.restoration import state_folder
 from companion.links.session import Arriving, Choice, Report, Session
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState, StreamRequest
 from companion.links.vehicle_facts import Clock
-
-__all__ = [
-    "Address",
-    "Arriving",
-    "Choice",
-    "Clock",
-    "ForbiddenMessageError",
-    "Link",
-    "LinkHealth",
-    "NotThereError",
-    "Played",
-    "Port",
-    "Recorder",
-    "Report",
-    "Request",
-    "RequestState",
-    "Session",
-    "StreamManager",
-    "StreamRequest",
-    "Target",
-    "announce",
-    "is_link",
-    "meant_link",
-    "open_port",
-    "parse_address",
-    "play",
-    "state_folder",
-]

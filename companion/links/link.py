@@ -11,8 +11,7 @@ import numpy as np
 
 from companion.links.ports import Address, Port, parse_address
 from companion.links.requests import ANNOUNCEMENT, ForbiddenMessageError, Request
-from companion.links.serial_port import SerialPort
-from companion.links.sockets import TcpPort, UdpPort
+from companion.links.transports import SerialPort, TcpPort, UdpPort
 from companion.mavlink import (
     DEFAULT_DIALECT,
     HEADER_1,

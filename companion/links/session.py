@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from companion.links import requests
 from companion.links.link import Link
-from companion.links.original_rates import OriginalRatesFile, original_rates_path
 from companion.links.recorder import Recorder
 from companion.links.request_table import desired_from, fit
 from companion.links.requests import Target
+from companion.links.restoration import OriginalRatesFile, original_rates_path
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState
 from companion.links.vehicle_facts import Clock

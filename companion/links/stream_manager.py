@@ -13,10 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from companion.links import requests
-from companion.links.original_rates import OriginalRate, OriginalRatesFile
-from companion.links.request_table import OPTIONAL, STREAMS
+from companion.links.request_table import OPTIONAL, STREAMS, ThinLink
 from companion.links.requests import Request, Target, results
-from companion.links.restoration import NOT_SENT, Restoration
+from companion.links.restoration import NOT_SENT, OriginalRate, OriginalRatesFile, Restoration
 from companion.links.stream_request import (
     ABSENT,
     REFUSES,
@@ -27,7 +26,6 @@ from companion.links.stream_request import (
     StreamRequest,
     slower,
 )
-from companion.links.thin_link import ThinLink
 from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
 

@@ -7,23 +7,3 @@ from companion.logs.logfile import MOST_BYTES, Contents, log_format, looks_like_
 from companion.logs.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 from companion.logs.ulog import Ulog, read_ulog
 from companion.logs.ulog_topics import UlogTopic
-
-__all__ = [
-    "MOST_BYTES",
-    "Contents",
-    "DataflashLog",
-    "Log",
-    "RecordLayout",
-    "Records",
-    "TlogWriter",
-    "Ulog",
-    "UlogTopic",
-    "follow_tlog",
-    "log_format",
-    "looks_like_a_log",
-    "read_dataflash",
-    "read_dataflash_text",
-    "read_tlog",
-    "read_ulog",
-    "write_tlog",
-]

@@ -26,8 +26,8 @@ from companion.logs.logfile import (
     log_format,
     open_file,
     read_head,
+    what_else,
 )
-from companion.logs.other_files import what_else
 from companion.mavlink import (
     DEFAULT_DIALECT,
     MAGIC_1,

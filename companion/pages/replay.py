@@ -27,8 +27,7 @@ from companion.analysis import (
     trailing,
 )
 from companion.app.correction import load_correction
-from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of
-from companion.app.lanes import redundant_lanes
+from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of, redundant_lanes
 from companion.app.recording import Source
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings

@@ -10,12 +10,24 @@ from companion.present.calibration import (
     level_force,
     not_observable,
 )
+from companion.present.checks import (
+    OUTCOMES,
+    judgement_lines,
+    lane_lines,
+    lane_table,
+    preflight_headline,
+    preflight_table,
+    switch_words,
+)
 from companion.present.findings import MOST_LINES, FindingGroup, Headline, flight_words, grouped, headline, ranked, span
 from companion.present.formats import (
+    SENSORS,
     autopilot_words,
     capitalised,
     clause,
+    density,
     fixed,
+    interval,
     length,
     method_words,
     percent,
@@ -28,11 +40,8 @@ from companion.present.formats import (
     with_unit,
 )
 from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
-from companion.present.lanes import judgement_lines, lane_lines, lane_table, switch_words
 from companion.present.markup import Link, details, html_table, paragraph, table, text
-from companion.present.noise import SENSORS, density, interval
 from companion.present.palette import Rgb, of_imus
-from companion.present.preflight import OUTCOMES, preflight_headline, preflight_table
 from companion.present.tables import (
     AXES,
     QUANTITIES,

@@ -1,11 +1,13 @@
-"""Numbers and identifiers as people read them: one rule each for terminal, page and report."""
+"""Numbers and identifiers as people read them, noise as data sheets state it: one rule each."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 
-from companion.model import Vehicle, words
+from companion.estimation import Coefficient, WhiteNoise
+from companion.model import STANDARD_GRAVITY, Vehicle, words
 from companion.strapdown import METHODS
 
 _SHOWN_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": ("mrad/s", 1e3), "": ("%", 100.0)}
@@ -96,3 +98,35 @@ def clause(sentence: str) -> str:
 
 def _decimals(size: float) -> int:
     return 3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A sensor of an IMU."""
+
+    key: str  # of attributes
+    name: str
+    unit: str  # of its readings on a data sheet; with /√Hz of a density
+    factor: float  # from SI to that
+
+
+SENSORS = (
+    Sensor("gyro", "gyro", "mdps", 1e3 * math.degrees(1.0)),
+    Sensor("accel", "accelerometer", "µg", 1e6 / STANDARD_GRAVITY),
+)
+
+
+def interval(coefficient: Coefficient | None, factor: float) -> str:
+    """4.2 (4.1-4.3), its 95 % interval; or < 5 for a bound."""
+    if coefficient is None:
+        return "-"
+    if coefficient.value is None:
+        return f"< {fixed(coefficient.high * factor)}"
+    value, low, high = (fixed(v * factor) for v in (coefficient.value, coefficient.low, coefficient.high))
+    return f"{value} ({low}-{high})"
+
+
+def density(white: WhiteNoise, axis: int, factor: float) -> str:
+    """4.2 ± 0.1 in flight; or < 4.2 below quantisation."""
+    value = fixed(float(white.sampled[axis]) * factor)
+    return f"< {value}" if white.hidden[axis] else f"{value} ± {fixed(float(white.sigma[axis]) * factor)}"

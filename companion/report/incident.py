@@ -22,8 +22,7 @@ from companion.present import (
     vehicle_words,
 )
 from companion.report import traces
-from companion.report.charts import Charts
-from companion.report.html_page import Section, sheet
+from companion.report.html_page import Charts, Section, sheet
 from companion.strapdown import quaternion
 
 _AXIS = "seconds from the moment"

@@ -1,59 +1,173 @@
-"""The page of a flight: its sections, in the order in which they are read."""
+"""The page of a flight: its head, and its sections in the order in which they are read."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 
 import msgspec
+import numpy as np
 
+from companion.analysis import Verdict, rate_warning
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
-from companion.present import palette, paragraph
-from companion.report import drift, errors_over_time, lanes, preflight, provenance, sensors, vibration
-from companion.report.charts import Charts
+from companion.model import Flight, counted
+from companion.present import (
+    QUANTITIES,
+    flight_words,
+    headline,
+    palette,
+    paragraph,
+    short,
+    table,
+    text,
+    vehicle_words,
+)
+from companion.report import checks, drift, provenance, sensors
 from companion.report.findings import bare_findings, findings
-from companion.report.html_page import Section, sheet
+from companion.report.html_page import Charts, Section, sheet
 from companion.report.subject import Subject, subject_of
-from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
+from companion.view import worst_stretch
+
+_NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
+_SHOWN_S = 5.0  # the horizon of which the median is shown
+
+
+def head(subject: Subject, ground: str) -> str:
+    """HTML of the title, the verdict and its numbers; ground: the chart that stands beside them, "" for none."""
+    flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
+    tracks = {"attitude": flight.attitude, "position": flight.position}
+    against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
+    flights = "".join(paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(verdict.flights, 1))
+    body = f"{_banner(verdict)}{flights}{_worst(subject)}{_usual(subject)}{_warning(flight, rate)}"
+    title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
+    return f"<header>{title}{_beside(body, ground)}</header>"
+
+
+def bare_head(flight: Flight, source: Source, verdict: Verdict, ground: str) -> str:
+    """The same for a flight that cannot be examined."""
+    body = _banner(verdict)
+    return f"<header>{_title(flight, source, '')}{_beside(body, ground)}</header>"
+
+
+def _beside(body: str, ground: str) -> str:
+    """The verdict, and the ground track beside it where the window is wide enough."""
+    return f'<div class="first"><div>{body}</div>{ground}</div>' if ground else body
+
+
+def _title(flight: Flight, source: Source, used: str) -> str:
+    """The log's name, and under it who flew when."""
+    vehicle = flight.vehicle
+    who = (f"Vehicle {vehicle}, boot {flight.boot}", vehicle_words(vehicle))
+    parts = [*who, _date(flight), f"{flight.duration:.1f} s", used]
+    return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
+
+
+def _banner(verdict: Verdict) -> str:
+    head = headline(verdict)
+    sure = f' <span class="sure">{text(_kept(head.probability))}</span>' if head.probability else ""
+    title = f"{palette.SIGNS[verdict.status]} {text(_kept(head.sentence))}"
+    return (
+        f'<div class="verdict {text(verdict.status)}" id="verdict"><h2>{title}{sure}</h2>'
+        f"<p>{text(_kept(head.detail))}</p></div>"
+    )
+
+
+def _kept(words: str) -> str:
+    """No line ends between a number and its per cent."""
+    return re.sub(r"(?<=\d) (?=%)", _NO_BREAK, words)
+
+
+def _date(flight: Flight) -> str:
+    """When the flight began; "" where that is not known."""
+    if flight.epoch is None:
+        return ""
+    try:
+        began = datetime.fromtimestamp(flight.epoch.unix_s + flight.start, UTC)
+    except (OverflowError, ValueError, OSError):  # a damaged clock
+        return ""
+    return f"{began:%Y-%m-%d %H:%M:%S} UTC ({flight.epoch.source})"
+
+
+def _usual(subject: Subject) -> str:
+    """What the IMU alone is off by after a few seconds, beside what is allowed: one table."""
+    drift = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
+    rows = [(row, should) for row, should in drift if row.windows]
+    if not rows:
+        return ""
+    row, should = min(rows, key=lambda pair: abs(pair[0].horizon_s - _SHOWN_S))
+    cells = []
+    for quantity in QUANTITIES:
+        statistic, sigma = getattr(row, quantity.attribute), getattr(should, quantity.attribute, None)
+        if statistic is not None:
+            cells.append([quantity.title, short(statistic.median), short(statistic.p95), short(sigma)])
+    name = f"after {row.horizon_s:g} s, {counted(row.windows, 'window')}"
+    return table([name, "median", "95 %", "allowed, 1σ"], cells, name="usual")
+
+
+def _worst(subject: Subject) -> str:
+    """Where IMU and autopilot are farthest apart, and how far they may be there, in a sentence."""
+    shown = subject.replay
+    worst = worst_stretch(shown) if shown is not None else None
+    if shown is None or worst is None:
+        return ""
+    sentence = (
+        f"IMU and autopilot are farthest apart at {worst.end_s:.1f} s: {short(worst.apart_m)} m, "
+        f"{worst.end_s - worst.start_s:.1f} s after the anchor"
+    )
+    if (expected := subject.expected) is not None:
+        sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
+        if sigma > 0:
+            sentence += f", {worst.apart_m / sigma:.1f} times the {short(sigma)} m allowed (1σ)"
+    return paragraph(f"{sentence}.".replace(" m,", f"{_NO_BREAK}m,"))
+
+
+def _warning(flight: Flight, rate_hz: float) -> str:
+    warning = rate_warning(flight, rate_hz)
+    return f'<p class="warning">{text(warning)}</p>' if warning else ""
+
 
 _OPEN = ("findings", "errors")
 """Sections that are read at once; the others unfold."""
 _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
     ("findings", "Findings", findings),
-    ("errors", "Errors over the flight", errors_over_time.errors),
+    ("errors", "Errors over the flight", drift.errors),
     ("drift", "Drift of the IMU alone from the autopilot", drift.drift),
     ("budget", "Expected drift, and what causes it", drift.budget),
     ("calibration", "Calibration", sensors.calibration),
     ("imus", "Every IMU side by side", sensors.redundant_imus),
-    ("noise", "IMU noise", vibration.noise),
-    ("spectra", "IMU spectra", vibration.spectra),
-    ("vibration", "Vibration", vibration.shaking),
+    ("noise", "IMU noise", sensors.noise),
+    ("spectra", "IMU spectra", sensors.spectra),
+    ("vibration", "Vibration", sensors.shaking),
 )
 """Anchor, title and body of each section about the examination."""
 
 
 def report_html(
-    examined: Examination,
+    examined: Examination | Unexamined,
     source: Source,
     settings: Settings | None = None,
     *,
     command: str = "",
     with_playback: bool = True,
 ) -> str:
-    """The report of an examined flight as one HTML file in UTF-8.
+    """The report of a flight as one HTML file in UTF-8; of one that cannot be examined as far as it goes.
 
     source: the log that the flight was read from; settings: those that it was examined with; command: the command
     line, to be shown. Without the playback it is about 1 MB smaller.
     """
+    if isinstance(examined, Unexamined):
+        return _bare_html(examined, source, settings or Settings(), command)
     charts, flight, assessment = Charts(), examined.flight, examined.assessment
     subject = subject_of(examined, source, settings or Settings(), charts)
     drawn = flight, subject.replay, subject.colour, charts, assessment.best
     first = head(subject, ground(*drawn))
     sections = [Section(anchor, title, body(subject), anchor not in _OPEN) for anchor, title, body in _SECTIONS]
-    sections += [*lanes.sections(subject), *preflight.sections(subject)]
+    sections += [*checks.lanes_section(subject), *checks.preflight_section(subject)]
     sections.append(Section("track", "Altitude", track(*drawn), folded=True))
     data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:
@@ -89,16 +203,13 @@ def _playback(subject: Subject) -> str:
     )
 
 
-def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
-    """The report of a flight that cannot be examined, as far as it goes."""
+def _bare_html(unexamined: Unexamined, source: Source, settings: Settings, command: str) -> str:
     charts, flight = Charts(), unexamined.flight
     first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
     sections = [Section("track", "Altitude", track(flight, None, palette.IMU, charts))]
     if unexamined.says_something:
         sections.insert(0, Section("findings", "Findings", bare_findings(unexamined.verdict)))
-    sections += provenance.sections(
-        source, flight, settings or Settings(), unexamined.gaps, notes=flight.notes, command=command
-    )
+    sections += provenance.sections(source, flight, settings, unexamined.gaps, notes=flight.notes, command=command)
     return sheet(_name(source), first, sections, charts, {})
 
 

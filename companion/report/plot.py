@@ -9,9 +9,8 @@ from companion.estimation import BestEstimate
 from companion.installation import missing
 from companion.model import DataError, Flight, InputError
 from companion.present import palette
-from companion.report.charts import laid_out
-from companion.report.drift import drift_chart
-from companion.report.errors_over_time import error_panels
+from companion.report.drift import drift_chart, error_panels
+from companion.report.html_page import laid_out
 from companion.report.traces import TIME, stack
 from companion.report.track_and_altitude import ground_track
 

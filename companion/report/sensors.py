@@ -1,23 +1,31 @@
-"""The IMU's constant errors that explain the flight, and every IMU side by side."""
+"""The IMUs: the constant errors that explain the flight, side by side, their noise and spectra, and vibration."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from companion import present
-from companion.analysis import PARTS, Calibration, RedundantImu
-from companion.model import counted
+from companion.analysis import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise, clip_counts
+from companion.estimation import AllanDeviation, Spectrum, imu_spectrum, vibration
+from companion.model import Array, counted
 from companion.present import (
     CALIBRATED,
     QUANTITIES,
+    SENSORS,
     by_best_estimate,
+    capitalised,
+    density,
     held_out_gain,
     html_table,
+    interval,
     level_force,
     not_observable,
     palette,
     paragraph,
     redundant_imus_table,
+    short,
     table,
     text,
     words,
@@ -128,3 +136,152 @@ def _bars(others: Sequence[RedundantImu], attribute: str, colours: Mapping[str, 
         "marker": {"color": [palette.css(colours[o.imu]) for o in others]},
         "hovertemplate": "%{x}: %{y:.3~g}",
     }
+
+
+def noise(subject: Subject) -> str:
+    """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
+    measured = subject.noise
+    if isinstance(measured, str):
+        return paragraph(f"Not known: {measured}")
+    rows = []
+    for sensor in SENSORS:
+        sheet = short(getattr(measured.imu_spec, sensor.key).noise_density * sensor.factor)
+        resting = getattr(measured.rest, f"{sensor.key}_axes", (None, None, None))
+        flying = getattr(measured.flight, sensor.key) if measured.flight else None
+        for i, (axis, _) in enumerate(AXES):
+            rest = interval(getattr(resting[i], "white", None), sensor.factor)
+            flight = density(flying, i, sensor.factor) if flying else "-"
+            rows.append([f"{sensor.name} {axis}", rest, flight, sheet, f"{sensor.unit}/√Hz"])
+    body = table(["white noise N", "at rest", "in flight", "data sheet", ""], rows, name="noise-table", words=1)
+    if measured.rest is not None:
+        body += _allan_chart(subject, measured, measured.rest)
+    return body + "".join(paragraph(f"{capitalised(note)}.") for note in measured.notes)
+
+
+def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
+    panels = [
+        traces.Panel(f"{key}, {unit}", _curves(curve, getattr(measured.imu_spec, key).noise_density), {"type": "log"})
+        for key, unit in (("gyro", "rad/s"), ("accel", "m/s²"))
+        if ((curve := getattr(rest, key)).deviation > 0).any()
+    ]
+    if not panels:
+        return ""
+    caption = (
+        f"Overlapping Allan deviation of {measured.imu} over a rest of {rest.duration_s:.0f} s "
+        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {measured.imu_spec.name}, which falls "
+        "as 1/√τ; where the curve turns flat is the bias instability, where it rises the random walk."
+    )
+    return subject.charts.add(traces.stack(panels, "averaging time τ, s", type="log"), caption, rows=3)
+
+
+def _curves(curve: AllanDeviation, sheet: float) -> list[traces.Trace]:
+    lines = [
+        traces.curve(curve.tau, np.maximum(curve.deviation[:, i], 1e-12), name, colour)
+        for i, (name, colour) in enumerate(AXES)
+        if (curve.deviation[:, i] > 0).any()
+    ]
+    white = traces.curve(curve.tau, sheet / np.sqrt(curve.tau), "data sheet", palette.CURSOR, line={"dash": "dash"})
+    return [*lines, white]
+
+
+_VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine
+_FEWEST_HZ = 20.0
+
+
+def spectra(subject: Subject) -> str:
+    """Power spectral densities beside the sensor's own noise."""
+    comparison, spec = subject.comparison, subject.assessment.imu_spec
+    spectrum = imu_spectrum(comparison.track, subject.longest_step)
+    if spectrum is None:
+        return paragraph("Not drawn: no stretch without a gap is long enough for a spectrum (32 samples).")
+    panels = traces.densities(
+        lambda sensor: _densities(spectrum, getattr(spectrum, sensor), getattr(spec, sensor).noise_density)
+    )
+    figure = traces.stack(panels, "frequency, Hz", type="log")
+    caption = (
+        f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
+        f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
+        f"{spec.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
+    )
+    return subject.charts.add(figure, caption, rows=3) + _side_by_side(subject, spectrum)
+
+
+def _side_by_side(subject: Subject, own: Spectrum) -> str:
+    """The spectra of every IMU, all axes together; nothing where there is one IMU. own: of the one that was used."""
+    used, limits = subject.comparison.track, subject.comparison.how.limits
+    by_imu = {
+        name: spectrum
+        for name, track in subject.flight.imus.items()
+        if (spectrum := own if track is used else imu_spectrum(track, limits.longest_step(track.t))) is not None
+    }
+    if len(by_imu) < 2:
+        return ""
+
+    def lines(sensor: str) -> list[traces.Trace]:
+        densities = {name: np.sqrt(0.5 * getattr(one, sensor)[1:].sum(axis=1)) for name, one in by_imu.items()}
+        return [
+            traces.line(by_imu[name].frequency_hz[1:], density, text(name), subject.colours[name])
+            for name, density in densities.items()
+        ]
+
+    figure = traces.stack(traces.densities(lines), "frequency, Hz", type="log")
+    return subject.charts.add(figure, "Every IMU beside the others, root of the sum over its axes.", rows=3)
+
+
+def shaking(subject: Subject) -> str:
+    """Vibration over the flight: the vehicle's own measure, and what the IMU's samples show of it."""
+    if charts := _reported(subject) + _measured(subject):
+        return charts
+    rate = subject.comparison.track.rate_hz
+    why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
+    return paragraph(f"Not drawn: the vehicle did not report its vibration, and {why} to see it in {subject.imu}.")
+
+
+def _reported(subject: Subject) -> str:
+    """The vehicle's own measure, and the number of readings at an accelerometer's limit; "" without any."""
+    series = subject.flight.series.get("vibration")
+    names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
+    if series is None or not names or len(series) < 2:
+        return ""
+    colours = [subject.colour] if len(names) == 1 else palette.AXES
+    titles = ["all axes"] if len(names) == 1 else [name for name, _ in AXES]
+    lines = [
+        traces.line(series.t, series[name], title, colour)
+        for name, title, colour in zip(names, titles, colours, strict=True)
+    ]
+    clips = [counter.readings for counter in clip_counts(series)]
+    caption = f"The vehicle's own measure ({series.source})."
+    if len(names) == 3:
+        caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."
+    if clips:
+        caption += f" An accelerometer was at its limit {sum(clips):.0f} times."
+    return _over_time(subject, "vibration, m/s²", lines, caption)
+
+
+def _measured(subject: Subject) -> str:
+    """Vibration in the samples; "" where they do not show it."""
+    seen = vibration(subject.comparison.track, subject.longest_step)
+    if seen is None:
+        return ""
+    lines = [traces.line(seen.t, seen.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
+    caption = (
+        f"Specific force of {subject.imu} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
+        "from the IMU at its full rate: what the stream's low-pass and rate have lost is missing here."
+    )
+    return _over_time(subject, "above 5 Hz, m/s²", lines, caption)
+
+
+def _over_time(subject: Subject, title: str, lines: list[traces.Trace], caption: str) -> str:
+    panel = traces.Panel(title, lines, {"rangemode": "tozero"})
+    return subject.charts.add(traces.stack([panel], traces.TIME), caption)
+
+
+def _densities(spectrum: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:
+    used = slice(1, None)  # a logarithmic axis has no zero
+    frequency = spectrum.frequency_hz[used]
+    lines = [
+        traces.line(frequency, np.sqrt(0.5 * np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
+        for i, (name, colour) in enumerate(AXES)
+    ]
+    floor = traces.curve(frequency[[0, -1]], np.full(2, sheet), "data sheet", palette.CURSOR, line={"dash": "dash"})
+    return [*lines, floor]

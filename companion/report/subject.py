@@ -23,7 +23,7 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.model import CompanionError, DataError, Flight
 from companion.present import palette
-from companion.report.charts import Charts
+from companion.report.html_page import Charts
 from companion.view import AnalysisResult, anchored_at_opening, display_trajectory, first_horizon, with_result
 
 

@@ -12,7 +12,7 @@ from companion.estimation import BestEstimate
 from companion.model import Array, Flight
 from companion.present import palette, paragraph, short, text
 from companion.report import traces
-from companion.report.charts import Charts
+from companion.report.html_page import Charts
 from companion.view import best_path, extremes, worst_stretch
 
 _MOST_EVENTS = 200

@@ -7,19 +7,3 @@ from companion.telemetry.sdlog2 import SDLOG2_RECORDS, is_sdlog2, sdlog2_flight
 from companion.telemetry.split import NonVehicle
 from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import TOPICS, ulog_flight
-
-__all__ = [
-    "NEEDED",
-    "RECORDS",
-    "SDLOG2_RECORDS",
-    "TOPICS",
-    "NonVehicle",
-    "Stream",
-    "dataflash_flight",
-    "flights",
-    "id_parameters",
-    "is_sdlog2",
-    "sdlog2_flight",
-    "ulog_flight",
-    "why_no_flight",
-]

@@ -3,7 +3,8 @@
 Factors come from the units that the dialect states. What each message really carries, and in which frame, is
 ArduPilot's `GCS_MAVLink/GCS_Common.cpp` and PX4's `modules/mavlink/streams/`; docs/messages.md has the details.
 
-Also here: a boot's MAVLink messages → the series of its sensors, by the rows of `sources`.
+Also here: a boot's MAVLink messages → the series of its sensors, by the rows of `sources`; and the estimates that
+ArduPilot sends beside the one that flies: AHRS2, DCM while an EKF flies, and AHRS3.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from companion.model import (
     Array,
     AttitudeTrack,
     BiasTrack,
+    EstimatorLane,
     ImuTrack,
     Origin,
     ParameterChange,
@@ -32,6 +34,7 @@ from companion.model import (
     from_euler,
     median,
     ned_from_geodetic,
+    of_kind,
 )
 from companion.telemetry.parameters import known_ranges, out_of_range, possible, with_facts
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
@@ -170,12 +173,17 @@ def turns(parameters: Mapping[str, float], notes: list[str], changes: Iterable[P
     for t, (roll, pitch) in ((t, one) for t, one in trims if one is not None):
         since = f" from {t:.1f} s on" if t > -np.inf else ""
         notes.append(f"AHRS_TRIM ({roll:+.4f}, {pitch:+.4f}) rad applied to the IMUs{since}")
-    return tuple((t, None if one is None else _rotation(*one)) for t, one in trims)
+    return tuple((t, None if one is None else euler_matrix(*one, 0.0)) for t, one in trims)
 
 
-def _rotation(roll: float, pitch: float) -> Array:
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+def euler_matrix(roll: float, pitch: float, yaw: float) -> Array:
+    """(3, 3) by Euler angles, rad, yaw last."""
+    (cr, cp, cy), (sr, sp, sy) = (of([roll, pitch, yaw]) for of in (np.cos, np.sin))
+    return np.array([
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ])  # fmt: skip
 
 
 Sensed = TypeVar("Sensed", ImuTrack, BiasTrack)
@@ -274,3 +282,18 @@ def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequanti
         values += 0.5 * np.sign(values)
     values *= factor
     return values, factor if whole else 0.0
+
+
+_NAMES = {"AHRS2": "second estimate", "AHRS3": "third estimate"}
+"""Since ArduPilot 3.5 AHRS2 is DCM while an EKF flies (`AP_AHRS.cpp`, _get_secondary_EKF_type); before, another EKF."""
+
+
+def message_lanes(series: Mapping[str, Series]) -> tuple[EstimatorLane, ...]:
+    """Their attitudes: they have no velocity, and a position of latitude and longitude alone."""
+    made = []
+    for one in of_kind(series, "attitude"):
+        if one.source in _NAMES:
+            _, t, q = attitudes(one.t, from_euler(one["roll_rad"], one["pitch_rad"], one["yaw_rad"]))
+            unknown = np.full((len(t), 3), np.nan)
+            made.append(EstimatorLane(t, q, unknown, unknown, _NAMES[one.source], None, one.source))
+    return tuple(lane for lane in made if len(lane) > 1)

@@ -19,7 +19,7 @@ from companion.logs import Records
 from companion.mavlink import Dialect, Messages, mode_name
 from companion.model import Array, EstimatorReset, Event, ParameterChange, ResetKind, SensorInUse, StatusText, Vehicle
 from companion.telemetry.samples import majority
-from companion.telemetry.sanitize import words
+from companion.telemetry.texts import words
 
 _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
     (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),

@@ -34,7 +34,7 @@ from companion.telemetry.aiding import aiding_tracks, valid_position
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
 from companion.telemetry.clock import Clock, boot_seconds, device_time, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuator_track, control_track, message_truth
-from companion.telemetry.convert import SENSOR_MESSAGES, message_sensors
+from companion.telemetry.convert import SENSOR_MESSAGES, message_lanes, message_sensors
 from companion.telemetry.events import (
     heartbeat_events,
     imu_in_use,
@@ -45,7 +45,6 @@ from companion.telemetry.events import (
     status_texts,
     text_resets,
 )
-from companion.telemetry.lanes import message_lanes
 from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders

@@ -17,12 +17,12 @@ from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.control import control_of
 from companion.telemetry.events import in_order
-from companion.telemetry.firmware import UNKNOWN
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import identity, possible, setting_names, values_of
 from companion.telemetry.quantities import Raw, raw_series, series_of
 from companion.telemetry.samples import attitude_track, attitudes, imu_track, place, position_track
 from companion.telemetry.sources import SDLOG2_SOURCES
+from companion.telemetry.texts import UNKNOWN
 
 _CLOCK = "TIME"
 _IMUS = ("IMU", "IMU1", "IMU2")

@@ -21,9 +21,8 @@ from companion.telemetry.clock import (
     stale_start,
     steps_back,
 )
-from companion.telemetry.firmware import UNKNOWN, banner, release
 from companion.telemetry.samples import BoolArray, majority
-from companion.telemetry.sanitize import words
+from companion.telemetry.texts import UNKNOWN, banner, release, words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]

@@ -40,34 +40,3 @@ def __getattr__(name: str) -> Any:
     if name not in _WITH_VISER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_WITH_VISER[name]}"), name)
-
-
-__all__ = [
-    "LONGEST_REANCHOR_S",
-    "AnalysisResult",
-    "DisplayTrajectory",
-    "Examine",
-    "Feed",
-    "FlightChecks",
-    "LinkState",
-    "LiveViewer",
-    "Mark",
-    "Offer",
-    "Recompute",
-    "ReplayChoice",
-    "Seen",
-    "StreamState",
-    "Viewer",
-    "Worst",
-    "anchored_at_opening",
-    "best_path",
-    "check_url",
-    "chosen_track",
-    "display_trajectory",
-    "extremes",
-    "first_horizon",
-    "replay_page",
-    "with_result",
-    "with_track",
-    "worst_stretch",
-]

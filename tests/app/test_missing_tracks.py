@@ -25,7 +25,7 @@ from companion.analysis import inventory
 from companion.app.examination import unexaminable
 from companion.app.recording import Recording, Source, read_recording
 from companion.cli.analyze import first_screen
-from companion.documents import analysis_document, encode, info_document, unexamined_document
+from companion.documents import analysis_document, encode, info_document
 from companion.model import (
     ActuatorTrack,
     AirspeedTrack,
@@ -130,7 +130,7 @@ def examined(flight: Flight, source: Source) -> None:
     inventory(flight)
     lacking = unexaminable(flight)
     if lacking is not None:
-        encode(unexamined_document(source, lacking))
+        encode(analysis_document(source, lacking))
         return
     with contextlib.suppress(DataError):
         found = c.examine(flight)

@@ -16,7 +16,7 @@ import yaml
 from junitparser import JUnitXml
 
 from companion.cli import main
-from companion.cli.junit import Case, Suite, junit_xml
+from companion.cli.check import Case, Suite, junit_xml
 from companion.cli.main import parser
 from tests.recordings import BUNDLED, ROOT
 from tests.tlogs import Writer

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from companion.cli import tables
-from companion.cli.confusion import confusion_lines
+from companion.cli.analyze import confusion_lines
 from companion.estimation import BestEstimate, ConfusionMatrix, Identifiability, smooth
 from tests.estimation.sensed import sensed
 

@@ -16,7 +16,7 @@ import pytest
 
 import companion
 from companion.cli import main
-from companion.links import open_port, parse_address, play, sockets
+from companion.links import open_port, parse_address, play, transports
 from companion.logs import read_tlog
 from companion.mavlink import load_dialect
 from tests.processes import COMPANION, ended, next_line, started
@@ -174,8 +174,8 @@ def test_a_client_that_does_not_read_is_waited_for(
         prepare(end)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
 
-    prepare = sockets._prepare
-    monkeypatch.setattr(sockets, "_prepare", small)
+    prepare = transports._prepare
+    monkeypatch.setattr(transports, "_prepare", small)
     thread = threading.Thread(target=connect)
     thread.start()
     assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "1000"]) == 0

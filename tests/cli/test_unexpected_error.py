@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.app.files import read_toml
 from companion.app.settings import load_settings
-from companion.app.toml_file import read_toml
 from companion.cli import main
 from companion.model import SettingsError
 from tests.recordings import BUNDLED

@@ -23,7 +23,7 @@ import companion as c
 from companion.analysis import PoseError, Spread, ape, rpe
 from companion.cli import main
 from companion.export import FORMATS
-from companion.export.layout import layout
+from companion.export.mcap import layout
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, ROOT
 from tests.tlogs import Writer, resting

@@ -23,8 +23,8 @@ import pytest
 from companion.app.settings import Settings
 from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
+from companion.fleet.journal import LogRecord, Plan, version_of
 from companion.fleet.limits import TIMEOUT_S, limited
-from companion.fleet.records import LogRecord, Plan, version_of
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.run import write_results
 from companion.fleet.task import decode, examine_log

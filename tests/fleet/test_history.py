@@ -13,7 +13,7 @@ import pytest
 
 from companion.app.settings import Settings
 from companion.cli import main
-from companion.fleet.records import Plan, version_of
+from companion.fleet.journal import Plan, version_of
 from companion.fleet.run import write_results
 from companion.fleet.search import find_logs
 from companion.fleet.task import decode, examine_log

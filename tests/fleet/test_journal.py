@@ -8,8 +8,7 @@ import msgspec
 import pytest
 
 from companion.app.settings import AutopilotSettings, Settings, ViewSettings
-from companion.fleet.journal import NAME, Journal
-from companion.fleet.records import MAKING, LogRecord, version_of
+from companion.fleet.journal import MAKING, NAME, Journal, LogRecord, version_of
 from companion.fleet.search import FoundLog
 from companion.model import InputError
 from tests.test_architecture import MAY_IMPORT

@@ -22,7 +22,7 @@ from companion.links import (
     is_link,
     parse_address,
     requests,
-    sockets,
+    transports,
 )
 from companion.model import InputError
 from tests.links.link import link_frames
@@ -300,7 +300,7 @@ def test_udpout_speaks_first_and_hears_the_answer() -> None:
 
 def test_a_partner_that_never_answers_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """PX4's port has one partner: who comes second gets nothing."""
-    monkeypatch.setattr("companion.links.sockets._ANSWERS_S", 0.05)
+    monkeypatch.setattr("companion.links.transports._ANSWERS_S", 0.05)
     with Link(f"udpout:127.0.0.1:{free_port()}") as link:
         assert link.problem == "nobody has sent anything yet"
         link.send(requests.heartbeat())
@@ -370,13 +370,13 @@ def accept_while_receiving(server: socket.socket, link: Link) -> tuple[socket.so
 def test_a_tcp_peer_that_vanishes_without_a_farewell_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Power or Wi-Fi lost: only the kernel can tell, and by itself it waits for a quarter of an hour."""
     made: list[socket.socket] = []
-    prepare = sockets._prepare
+    prepare = transports._prepare
 
     def remembered(end: socket.socket) -> None:
         made.append(end)
         prepare(end)
 
-    monkeypatch.setattr(sockets, "_prepare", remembered)
+    monkeypatch.setattr(transports, "_prepare", remembered)
     with listener() as server, Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"):
         assert made[0].getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert made[0].getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
@@ -461,7 +461,7 @@ def test_a_peer_that_is_no_longer_answered_has_sent_something(udp: Link, monkeyp
     with udp_peer(udp.port) as peer:
         peer.send(next(link_frames(1)))
         frames_until(udp, 1)
-    monkeypatch.setattr(sockets, "_PEER_S", 0.0)
+    monkeypatch.setattr(transports, "_PEER_S", 0.0)
     udp.send(requests.heartbeat())
     assert udp.health.last_frame is not None
     udp.health.last_frame -= 40.0

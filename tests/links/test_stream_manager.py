@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from companion.links import StreamManager, Target
-from companion.links.original_rates import OriginalRatesFile
 from companion.links.request_table import desired_from, fit, load
+from companion.links.restoration import OriginalRatesFile
 from companion.mavlink import Decoder, Packer, load_dialect, split_messages
 from companion.simulate import Faults, SimulatedVehicle, fly
 from companion.telemetry import NEEDED

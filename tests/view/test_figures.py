@@ -19,8 +19,7 @@ from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import AnalysisResult, ReplayChoice
-from companion.view.charts.flight_charts import rates
-from companion.view.charts.log_charts import drift_lines, noise_lines
+from companion.view.charts.drawings import drift_lines, noise_lines, rates
 from companion.view.panels import verdict
 from companion.view.panels.markup import banner
 from companion.view.scene.overlays import Ellipsoid, semi_axes

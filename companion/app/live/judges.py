@@ -1,12 +1,70 @@
-"""The verdicts on every vehicle of a link: a judge for each, over one stream."""
+"""The verdicts on every vehicle of a link: a judge for each, over one stream, and when each of them judges."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from companion.analysis import LiveVerdict
-from companion.app.live.judge import MOST_S, Judge, Judging, new_stream
-from companion.app.live.pace import Pace
+from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging, new_stream
+
+_LOOK_S = 0.4  # between two looks at whether something has just begun: one each second time that data are handed over
+PAUSE_S = 4.0  # between the begins of two judgements
+_AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
+_SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
+_CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
+_COSTS_S = 2.0  # of the processor that one may take: what took more is shortened in proportion, the newest come first
+_LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
+
+
+class Pace:
+    """Give `step` the time as often as you like. A look costs a fortieth of a judgement, and calls one at once.
+
+    The longer the last judgement took, on a busy computer, the sooner the next begins; and where that is not enough,
+    the judge is given fewer seconds: the newest.
+    """
+
+    def __init__(self, judge: Judge) -> None:
+        self.judge = judge
+        self._due = self._look = 0.0  # s of the clock of `step`
+        self._called = 0.0  # s that the processor was busy with those since the last in turn
+        self._judged = self._looked = 0.0  # s UNIX, the newest data of then
+
+    def at_once(self) -> None:
+        """Judge at the next step: something else is to be judged."""
+        self._due = self._judged = 0.0
+
+    def step(self, now: float) -> LiveVerdict | None:
+        """What is to be said now; None where nothing is new. now: s of any steady clock."""
+        judge = self.judge
+        if judge.newest == self._judged:
+            return None
+        if now < self._due:
+            if self._called >= _CALLED_S or now < self._look or judge.newest == self._looked:
+                return None
+            self._look, self._looked = now + _LOOK_S, judge.newest
+            if not judge.stirred():
+                return None
+        else:
+            self._called = 0.0
+        self._judged = judge.newest
+        before, began = time.process_time(), time.monotonic()
+        try:
+            live_verdict = judge.judge()
+        except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
+            text = f"no verdict ({type(error).__name__}: {error})"
+            live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
+        busy, took = time.process_time() - before, time.monotonic() - began
+        self._called += busy
+        self._due = now + max(min(PAUSE_S, _AGE_S - took), _SHARE * busy)
+        in_time = self._due - now + took <= _AGE_S
+        if busy > _COSTS_S:
+            judge.most_s = max(judge.most_s * _COSTS_S / busy, LEAST_S)
+        else:
+            judge.most_s = min(max(judge.most_s * (_MORE if in_time else _LESS), min(HORIZON_S, judge.most_s)), MOST_S)
+        return live_verdict
+
 
 _MOST_JUDGED = 8  # vehicles: each costs the processor as much as one alone
 

@@ -35,17 +35,16 @@ from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.control import actuators_of, control_of, side_by_side, truth_track
 from companion.telemetry.convert import trim
-from companion.telemetry.dataflash import changes, cores, imu, lanes, pose
+from companion.telemetry.dataflash import cores, imu, pose
 from companion.telemetry.dataflash.pose import ekf_origin, turned_by
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.dataflash.sensors import NEEDED, record_sensors
 from companion.telemetry.events import dataflash_events
-from companion.telemetry.firmware import banner, vehicle_type
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import declination, identity, possible, setting_names, values_of
 from companion.telemetry.samples import increasing
-from companion.telemetry.sanitize import words
 from companion.telemetry.sources import SI
+from companion.telemetry.texts import banner, vehicle_type, words
 
 _OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
 """Records of the outputs → how many they have; each goes on where the one before ends."""
@@ -220,9 +219,9 @@ def _without_tracks(
         truth=truth(records),
         imu_in_use=cores.imu_in_use(records, parameters, flew),
         aiding_in_use=cores.aiding_in_use(records, flew),
-        lane_in_use=lanes.lane_in_use(records, flew),
-        resets=changes.resets(records, texts, parameters, flew),
-        parameter_changes=changes.parameter_changes(records),
+        lane_in_use=pose.lane_in_use(records, flew),
+        resets=cores.resets(records, texts, parameters, flew),
+        parameter_changes=cores.parameter_changes(records),
     )
 
 
@@ -248,7 +247,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         **aiding_tracks(series, notes, turns),
         biases=biases,
         control=control(records, flight.parameters, in_imu_frame=in_imu_frame),
-        lanes=lanes.lanes(records, flight.parameters, flew, in_imu_frame=in_imu_frame),
+        lanes=pose.lanes(records, flight.parameters, flew, in_imu_frame=in_imu_frame),
     )
 
 

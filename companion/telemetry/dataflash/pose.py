@@ -1,11 +1,13 @@
 """The attitude and position that an ArduPilot log's reference core estimated, and where on Earth it was.
 
-Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/LogStructure.h`, `AP_NavEKF/AP_Nav_Common.h`.
+Also every core of the EKF as a lane of its own, and DCM, which runs along as the fallback: AHR2 is DCM while an EKF
+flies. Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/LogStructure.h`, `AP_NavEKF/AP_Nav_Common.h`,
+`AP_AHRS/AP_AHRS.cpp` (_get_secondary_EKF_type).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,18 +18,27 @@ from companion.model import (
     AttitudeTrack,
     BiasTrack,
     Epoch,
+    EstimatorLane,
     ImuTrack,
     Origin,
     PositionTrack,
+    SensorInUse,
     from_euler,
     integrated,
     interpolated,
 )
 from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
-from companion.telemetry.dataflash.cores import Flew, of_cores
+from companion.telemetry.convert import trim
+from companion.telemetry.dataflash.cores import (
+    Flew,
+    imu_of_core,
+    of_cores,
+    primary_cores,
+    sensors_of_core,
+)
 from companion.telemetry.parameters import NOT_EKF
-from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
+from companion.telemetry.samples import BoolArray, attitude_track, attitudes, in_use, place, position_track
 
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
@@ -171,3 +182,74 @@ def turned_by(a: Array, b: Array) -> Array:
     w, x, y, z = b
     right = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
     return np.asarray(a @ right)
+
+
+_EULER = ("Roll", "Pitch", "Yaw")
+_STATES = ("PN", "PE", "PD", "VN", "VE", "VD")
+_EKF_NAMES = {"XK": "EKF3", "NK": "EKF2", "EK": "EKF1"}
+_LONGEST_WAIT_S = 0.05  # XKQ and XKF1 of a core are written one after the other
+
+
+def lane_in_use(records: Mapping[str, Records], mine: Flew) -> SensorInUse | None:
+    """The core that flew, from each change on (XKF4.PI)."""
+    status = primary_cores(records, mine.prefix)
+    if status is None:
+        return None
+    core = status["PI"].astype(np.int64)
+    return in_use(f"{status.name}.PI", status.t, core, core >= 0)
+
+
+def lanes(
+    records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew, *, in_imu_frame: bool
+) -> tuple[EstimatorLane, ...]:
+    """The cores of the EKF that flew in order of their numbers, then DCM; in the frame of the attitude track.
+
+    in_imu_frame: that is the IMU's, in which XKQ is; else AHRS_TRIM turns it, as in XKF1's own angles.
+    """
+    made = [*_cores(records, parameters, mine, in_imu_frame=in_imu_frame)]
+    if (one := records.get("AHR2")) is not None and not by_dcm(parameters) and one.layout.has_numbers(*_EULER):
+        q = _angles(one)
+        if in_imu_frame and (level := trim(parameters)) is not None:
+            q = turned_by(q, from_euler(*level, 0.0))
+        _, t, q = attitudes(one.t, q)
+        unknown = np.full((len(t), 3), np.nan)
+        made.append(EstimatorLane(t, q, unknown, unknown, "DCM", None, "AHR2"))
+    return tuple(lane for lane in made if len(lane) > 1)
+
+
+def _cores(
+    records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew, *, in_imu_frame: bool
+) -> Iterator[EstimatorLane]:
+    quaternions = of_cores(records, f"{mine.prefix}Q") if in_imu_frame else {}
+    states, status = (of_cores(records, mine.prefix + name) for name in ("F1", "F4"))
+    for core in sorted(quaternions.keys() | states.keys()):
+        state = states.get(core)
+        if (one := quaternions.get(core)) is not None:
+            t, q = one.t, one.columns("Q1", "Q2", "Q3", "Q4")
+        elif not in_imu_frame and state is not None and state.layout.has_numbers(*_EULER):
+            one, t, q = state, state.t, _angles(state)
+        else:
+            continue
+        _, t, q = attitudes(t, q)
+        velocity, position = _moved(t, state, status.get(core))
+        yield EstimatorLane(
+            t, q, velocity, position, f"{_EKF_NAMES[mine.prefix]} core {core}", core, f"{one.name}[{core}]",
+            imu_of_core(core, mine.prefix, parameters), sensors_of_core(records, mine.prefix, core),
+        )  # fmt: skip
+
+
+def _angles(one: Records) -> Array:
+    return from_euler(*np.radians(one.columns(*_EULER)).T)
+
+
+def _moved(t: Array, state: Records | None, status: Records | None) -> tuple[Array, Array]:
+    """Velocity and position (N, 3) at times t (N,), where the core calls its horizontal position known; else NaN."""
+    velocity, position = np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
+    if state is None or len(state) < 2 or not len(t) or not state.layout.has_numbers(*_STATES):
+        return velocity, position
+    row = np.clip(np.searchsorted(state.t, t - _LONGEST_WAIT_S), 0, len(state) - 1)
+    good = np.abs(state.t[row] - t) <= _LONGEST_WAIT_S
+    if status is not None and len(status) and status.layout.has_numbers("SS"):
+        good &= has_position(t, status.t, status["SS"].astype(np.float64))
+    columns = [np.where(good, state.in_unit(name)[row], np.nan) for name in _STATES]
+    return np.column_stack(columns[3:]), np.column_stack(columns[:3])

@@ -8,8 +8,8 @@ import numpy as np
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
 from companion.telemetry.events import lane_changes
-from companion.telemetry.samples import commonest, in_use, increasing
-from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
+from companion.telemetry.samples import commonest, finite_rows, in_use, increasing
+from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
 
 Version = tuple[int, int]
 """Major and minor of PX4's release; (0, 0) where the log does not tell it."""
@@ -110,7 +110,7 @@ def _state_biases(topic: Topic, name: str, core: int, version: Version, by_devic
     gyro_sigma, accel_sigma = (
         _sigma(topic.array("covariances", range(at - less, at - less + 3))) / dt for at in (_GYRO, _ACCEL)
     )
-    keep = increasing(t, finite(gyro, accel))
+    keep = increasing(t, finite_rows(gyro, accel))
     only = next(iter(by_device.values())) if len(by_device) == 1 else (None if by_device else 0)
     return BiasTrack(
         t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source=name, core=core, imu_instance=only

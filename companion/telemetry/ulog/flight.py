@@ -15,22 +15,22 @@ from companion.mavlink import px4_nav_state_name
 from companion.model import Array, Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.events import changes, in_order
-from companion.telemetry.firmware import UNKNOWN, release
 from companion.telemetry.flights import arrival
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.quantities import series_of
-from companion.telemetry.sanitize import words
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
+from companion.telemetry.texts import UNKNOWN, release, words
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
-from companion.telemetry.ulog.lanes import lane_in_use, lanes
 from companion.telemetry.ulog.pose import (
     actuator_track,
     attitude_track,
     control_track,
     epoch,
     home,
+    lane_in_use,
+    lanes,
     origin,
     position_track,
     truth,

@@ -22,10 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
-from companion.telemetry.parts import part_ranges
-from companion.telemetry.samples import Ranges, commonest, imu_track, increasing
+from companion.telemetry.convert import euler_matrix
+from companion.telemetry.parameters import part_ranges
+from companion.telemetry.samples import Ranges, commonest, finite_rows, imu_track, increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.topics import Topic, Topics, finite, instances, sampled
+from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
 
 
 def imu_tracks(
@@ -83,7 +84,7 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
         return
     turning, pushed = topics["vehicle_angular_velocity"], topics["vehicle_acceleration"]
     own, rate = sampled(turning), turning.array("xyz")
-    keep = increasing(own, finite(rate))
+    keep = increasing(own, finite_rows(rate))
     own, rate, t = own[keep], rate[keep], sampled(pushed)
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
@@ -174,7 +175,7 @@ def _sensors(topics: Topics, of: str, kind: str, parameters: Mapping[str, float]
         devices = topic.ids("device_id")
         device = int(devices[-1]) if len(devices) else 0
         t, values, interval, most = _fifo(topic) if of.endswith("fifo") else _driver(topic)
-        keep = increasing(t, np.isfinite(t) & finite(values))
+        keep = increasing(t, np.isfinite(t) & finite_rows(values))
         own = None if interval is None else interval[keep]
         yield _Readings(name, t[keep], _calibrated(values[keep], kind, device, parameters), own, device, most)
 
@@ -219,17 +220,5 @@ def _calibrated(values: Array, kind: str, device: int, parameters: Mapping[str, 
         rotation = own if own >= 0 else rotation  # of an external sensor
     degrees = ORIENTATIONS[int(rotation) if 0 <= rotation < len(ORIENTATIONS) else 0]
     level = [parameters.get(f"SENS_BOARD_{axis}_OFF", 0.0) for axis in _AXES]
-    turn = _matrix(*level) @ _matrix(*degrees)
+    turn = euler_matrix(*np.radians(level)) @ euler_matrix(*np.radians(degrees))
     return np.asarray(values @ turn.T)
-
-
-def _matrix(roll: float, pitch: float, yaw: float) -> Array:
-    """The rotation (3, 3) by Euler angles in degrees, yaw last: PX4's get_rot_matrix."""
-    (cr, cp, cy), (sr, sp, sy) = (of(np.radians([roll, pitch, yaw])) for of in (np.cos, np.sin))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.logs import Ulog, UlogTopic
 from companion.model import Array, counted
-from companion.telemetry.sanitize import words
+from companion.telemetry.texts import words
 from companion.telemetry.timestamps import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 
 Topic = UlogTopic
@@ -125,8 +124,3 @@ def _published(topics: Topics) -> Iterator[str]:
                     f"{name}: {int(off.sum())} of {len(off)} taken at the time of their publication: that of the "
                     f"sample is {LONGEST_WAIT_S:g} s and more off it"
                 )
-
-
-def finite(*arrays: Array) -> npt.NDArray[np.bool_]:
-    """Rows (N,) in which every one of the arrays (N, k) is finite."""
-    return np.asarray(np.isfinite(np.hstack(arrays)).all(axis=1))

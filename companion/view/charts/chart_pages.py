@@ -11,14 +11,18 @@ from companion.analysis import LiveVerdict
 from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
-from companion.view.charts.flight_charts import (
+from companion.view.charts.drawings import (
+    NOISE_TITLES,
+    LogChart,
+    LogDrawing,
+    drift_drawings,
     error_drawings,
     errors_over_time,
     horizon_drawings,
+    noise_drawings,
     rate_drawings,
     reading_drawings,
 )
-from companion.view.charts.log_charts import NOISE_TITLES, LogChart, LogDrawing, drift_drawings, noise_drawings
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block
 from companion.view.state.history import Curves

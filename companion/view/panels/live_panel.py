@@ -8,9 +8,9 @@ from dataclasses import replace
 import viser
 
 from companion.view.panels import live_text
-from companion.view.panels.checks import ChecksFolders
 from companion.view.panels.controls import Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
+from companion.view.panels.verdict import ChecksFolders
 from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
 from companion.view.state.sending import update

@@ -1,4 +1,4 @@
-"""The analysis beside the picture: findings that one can jump to, drift and calibration in tables."""
+"""The analysis beside the picture: findings that one can jump to, drift, calibration, lanes and pre-flight checks."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from html import escape
 import numpy as np
 import viser
 
-from companion.analysis import Assessment, Drift, Finding, RedundantImu, Statistic, left_out
+from companion.analysis import Assessment, Drift, Finding, Lanes, Preflight, RedundantImu, Statistic, left_out
 from companion.model import counted, words
 from companion.present import (
     AXES,
     MOST_LINES,
+    OUTCOMES,
     QUANTITIES,
     STATISTICS,
     FindingGroup,
@@ -20,16 +21,20 @@ from companion.present import (
     capitalised,
     flight_words,
     held_out_gain,
+    judgement_lines,
+    lane_table,
     palette,
+    preflight_headline,
+    preflight_table,
     ranked,
     severity_of,
     significant,
 )  # fmt: skip
-from companion.view.panels.checks import ChecksFolders
 from companion.view.panels.controls import Controls
-from companion.view.panels.markup import PALE, block, lines, row, swatch, table, title, wrapped
+from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, wrapped
 from companion.view.state.marks import short
-from companion.view.state.trajectory import AnalysisResult
+from companion.view.state.sending import update
+from companion.view.state.trajectory import AnalysisResult, FlightChecks
 
 ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE, "info": viser.Icon.INFO_CIRCLE}
 
@@ -178,3 +183,65 @@ def _figure(statistic: Statistic | None, key: str = "median") -> str:
 def _measured(value: float, sigma: float, digits: int) -> str:
     """A value and its error, below each other where the panel is too narrow for both."""
     return wrapped(f"{value:.{digits}f} ±&nbsp;{sigma:.{digits}f}")
+
+
+_COLOURS = {OUTCOMES["go"]: palette.GOOD, OUTCOMES["no_go"]: palette.BAD, OUTCOMES["unknown"]: palette.DOUBTFUL}
+_BEFORE = "Before take-off"
+
+
+class ChecksFolders:
+    """A folder for each, shown where there is something in it. Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi, *, before_takeoff: bool = False) -> None:
+        """before_takeoff: whether those checks are what one looks at now, and are unfolded."""
+        self.folders = []
+        for label, unfolded in (("Lanes of the estimator", True), (_BEFORE, before_takeoff)):
+            with (folder := gui.add_folder(label, visible=False, expand_by_default=unfolded)):
+                self.folders.append((folder, gui.add_html("")))
+
+    def load(self, checks: FlightChecks) -> None:
+        """Show what is known of a flight."""
+        lanes = "" if checks.lanes is None else lanes_markup(checks.lanes)
+        preflight = "" if checks.preflight is None else preflight_markup(checks.preflight)
+        for (folder, text), markup in zip(self.folders, (lanes, preflight), strict=True):
+            update(text, content=markup)
+            update(folder, visible=bool(markup))
+        if checks.preflight is not None:
+            update(self.folders[1][0], label=f"{_BEFORE}: {OUTCOMES[checks.preflight.outcome]}")
+
+
+def preflight_markup(result: Preflight) -> str:
+    """Go or no-go, then a row for each check, what is wrong first; the autopilot's own check at the pointer."""
+    notes = [f"Not checked: {one}" for one in result.missing]
+    notes += [f"The vehicle says: {one}" for one in result.vehicle_reports]
+    head = f"<b>{escape(preflight_headline(result))}</b>"
+    rows = []
+    for outcome, *cells in preflight_table(result).rows:
+        check, sensor, size, limit, own = (escape(str(cell)) for cell in cells)
+        sign = badge(str(outcome), _COLOURS[str(outcome)])
+        if "±" in size:  # a number and its unit stay together
+            size = size.replace(" ", "&nbsp;")
+        about = f'<span title="{own}">{sign} {check}</span><br>{_pale(sensor.replace(", ", " and "))}'
+        rows.append(row((wrapped(about), wrapped(f"{size}<br>{_pale(limit)}"))))
+    return block(lines([head, *map(escape, notes)])) + table(("check", "size, limit"), rows)
+
+
+def lanes_markup(lanes: Lanes) -> str:
+    """Which lane flew and should have flown, each switch, and what each lane was off by: a column for each lane."""
+    markup = block("".join(f'<div style="margin-bottom:0.4em">{escape(one)}</div>' for one in judgement_lines(lanes)))
+    for span in lanes.spans:
+        if span.lanes:
+            names, *rows = zip(*lane_table(span).rows, strict=True)
+            columns = lane_table(span).columns[1:]
+            head = title(f"{escape(capitalised(words(span.what)))}, {span.start_s:.1f}-{span.end_s:.1f} s: error, 95 %")
+            cells = (
+                (escape(column.title), *(wrapped(escape(str(cell))) for cell in of))
+                for column, of in zip(columns, rows, strict=True)
+                if any(of)
+            )
+            markup += head + table(("", *(wrapped(escape(str(name))) for name in names)), map(row, cells))
+    return markup
+
+
+def _pale(markup: str) -> str:
+    return f'<span style="{PALE}">{markup}</span>'

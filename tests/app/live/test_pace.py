@@ -64,7 +64,7 @@ def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
     judge.news = True
     pace = Pace(cast("Judge", judge))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("companion.app.live.pace._CALLED_S", 0.14)
+        patched.setattr("companion.app.live.judges._CALLED_S", 0.14)
         run(judge, pace, 1.0, 4.0)
         assert len(judge.judged) == 3, "in turn, and until it has cost so much"
         run(judge, pace, 4.0, 6.4)
@@ -119,7 +119,7 @@ def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monk
     clock = iter(range(1_000_000))
     judge = Judged()
     pace = Pace(cast("Judge", judge))
-    monkeypatch.setattr("companion.app.live.pace.time.monotonic", lambda: next(clock) * took)  # asked twice for each
+    monkeypatch.setattr("companion.app.live.judges.time.monotonic", lambda: next(clock) * took)  # asked twice for each
     run(judge, pace, 1.0, 5.9)
     assert judge.judged == [1.0, 5.0]
     assert judge.most_s == 90.0

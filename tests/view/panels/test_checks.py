@@ -10,7 +10,7 @@ import viser
 from companion.analysis import Check, LaneError, LaneInSpan, Lanes, LaneSpan, Preflight
 from companion.analysis.lane_errors import Compared
 from companion.view import FlightChecks
-from companion.view.panels.checks import ChecksFolders, lanes_markup, preflight_markup
+from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
 from tests.simulated import free_port
 from tests.view.panels.test_live_text import EVIL, read
 

@@ -1,14 +1,19 @@
-"""Where a command writes: nothing is replaced unasked, and a file is whole or not there."""
+"""Files that a command writes, and TOML that people write.
+
+Nothing is replaced unasked, and a file is whole or not there. Every way in which TOML cannot be read is one sentence.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from companion.model import InputError
+from companion.model import InputError, SettingsError
 
 
 def check(path: Path, *, force: bool) -> None:
@@ -73,3 +78,28 @@ def filling(path: Path) -> Iterator[Path]:
                 file.replace(path / file.name)
     except OSError as error:
         raise InputError(f"cannot write into {path}: {error.strerror or error}. Choose another place.") from None
+
+
+def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
+    """What the file says, and its text.
+
+    Raises OSError when it cannot be read, SettingsError when it is no TOML: the message names the file and the line.
+    """
+    raw = Path(path).read_bytes().removeprefix(b"\xef\xbb\xbf")
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise SettingsError(
+            f"{path}, line {line}: the byte {raw[error.start]:02X} is not UTF-8, as in a file of Windows-1252 (µ, °). "
+            "Save the file as UTF-8."
+        ) from None
+    try:
+        return tomllib.loads(text.replace("\r\n", "\n")), text
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{path} is not valid TOML: {error}.") from None
+    except RecursionError:
+        line = max(range(text.count("\n") + 1), key=lambda i: text.split("\n")[i].count("[")) + 1
+        raise SettingsError(f"{path}, line {line}: arrays or tables are nested too deep to be read.") from None
+    except ValueError as error:  # an integer of more than 4,300 digits
+        raise SettingsError(f"{path} has a number that is too long to be one: {error}.") from None

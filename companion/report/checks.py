@@ -1,13 +1,26 @@
-"""The lanes of the estimator against the best estimate: a section of the pages of flights that have several."""
+"""The lanes of the estimator against the best estimate, and the checks before take-off: a section of each, where it
+has something to say.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import Lanes
-from companion.app.lanes import redundant_lanes
-from companion.model import words
-from companion.present import capitalised, html_table, lane_lines, lane_table, palette, paragraph, text
+from companion.analysis import Lanes, phases
+from companion.app.examination import redundant_lanes
+from companion.app.sensors import preflight_of
+from companion.model import DataError, words
+from companion.present import (
+    capitalised,
+    html_table,
+    lane_lines,
+    lane_table,
+    palette,
+    paragraph,
+    preflight_headline,
+    preflight_table,
+    text,
+)
 from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import Subject
@@ -19,7 +32,7 @@ _DRAWN = (
 )
 
 
-def sections(subject: Subject) -> list[Section]:
+def lanes_section(subject: Subject) -> list[Section]:
     """One, where the flight has two lanes or more and a best estimate; else none."""
     judged = redundant_lanes(subject.flight, subject.settings, subject.assessment)
     if judged is None:
@@ -56,3 +69,18 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
     spans = [(span.start_s, span.end_s) for span in lanes.spans[1:]]
     figure = traces.stack(panels, traces.TIME, spans=spans)
     return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.", rows=len(panels))
+
+
+def preflight_section(subject: Subject) -> list[Section]:
+    """One, where the vehicle stands and never leaves the ground; else none."""
+    flight = subject.flight
+    if any(part.kind in ("flight", "impact") for part in phases(flight)):
+        return []
+    try:
+        result = preflight_of(flight)
+    except DataError:
+        return []
+    body = paragraph(preflight_headline(result))
+    body += "".join(paragraph(f"Not checked: {one}") for one in result.missing)
+    body += "".join(paragraph(f"The vehicle says: {one}") for one in result.vehicle_reports)
+    return [Section("preflight", "Before take-off", body + html_table(preflight_table(result), "checks"))]

@@ -1,4 +1,4 @@
-"""`companion noise --json` (docs/json.md)."""
+"""`companion noise --json` and `companion preflight --json` (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.analysis import AxisNoise, ImuNoise
+from companion.analysis import Ageing, AxisNoise, ImuNoise, Preflight
 from companion.app.recording import Source
 from companion.documents.document import Document, document, flight_head, of
 from companion.estimation import AllanDeviation, Peak, WhiteNoise, folded_gain, folded_onto
@@ -77,3 +77,22 @@ def _in_flight(white: WhiteNoise | None, peaks: Sequence[Peak], rate: float) -> 
             for peak in peaks
         ],
     }
+
+
+def preflight_document(source: Source, flight: Flight, result: Preflight, aged: Sequence[Ageing] = ()) -> Document:
+    """The checks of a vehicle that stands, and those of its earlier flights beside them."""
+    before = {(one.check.name, one.check.sensor): of(one, "before", "spread", "times", "changed") for one in aged}
+    checked = {
+        **flight_head(flight),
+        **of(result, "outcome", "start_s", "end_s", "motors_off"),
+        "checks": [
+            {
+                **of(one, "name", "sensor", "outcome", "size", "sigma", "limit", "unit", "probability"),
+                **of(one, "autopilot", "autopilot_limit", "note", "uncorrected"),
+                "history": before.get((one.name, one.sensor)),
+            }
+            for one in result.checks
+        ],
+        **of(result, "vehicle_reports", "missing"),
+    }
+    return document(source, [checked])

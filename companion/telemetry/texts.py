@@ -1,7 +1,8 @@
-"""Which kind of vehicle a firmware of ArduPilot is for, where no MAV_TYPE says: by its banner, build or parameters.
+"""What a vehicle or a log wrote: made safe to show, and which firmware of ArduPilot wrote it.
 
-Vendors have banners of their own ("TQ-2.2.143", "FLYSTACK V4.5.7-beta1"), and a log may begin behind the banner: then
-VER.BU tells, before 4.0 SYSID_SW_TYPE, and last a parameter that only one of the vehicles has.
+The kind of vehicle, where no MAV_TYPE says, is that of the firmware's banner, build or parameters. Vendors have banners
+of their own ("TQ-2.2.143", "FLYSTACK V4.5.7-beta1"), and a log may begin behind the banner: then VER.BU tells, before
+4.0 SYSID_SW_TYPE, and last a parameter that only one of the vehicles has.
 """
 
 from __future__ import annotations
@@ -56,3 +57,19 @@ def vehicle_type(parameters: Mapping[str, float], build: int | None = None) -> s
 def release(code: int) -> str:
     """ "4.7.0" of a version in four bytes: major, minor, patch and type; "" of none."""
     return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""
+
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # PX4 writes its log texts for a terminal
+_CONTROLS = {
+    **dict.fromkeys((*range(32), *range(127, 160)), "\N{REPLACEMENT CHARACTER}"),
+    **dict.fromkeys(map(ord, "\t\n\r"), " "),
+}
+
+
+def words(raw: bytes | str) -> str:
+    """The text up to the first NUL, without the characters that command a terminal or begin a line there.
+
+    Anybody on the link can send them: they would make colours, clear the screen, or write lines that seem to be ours.
+    """
+    text = raw.split(b"\0")[0].decode("utf-8", "replace") if isinstance(raw, bytes) else raw
+    return text if text.isprintable() else _COLOURS.sub("", text).translate(_CONTROLS)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.app import destination
+from companion.app import files
 from companion.cli import main
 from companion.model import InputError
 from tests.recordings import BUNDLED
@@ -38,7 +38,7 @@ def test_what_is_no_file_is_not_replaced(
 def test_what_fails_half_way_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "out"
     path.write_text("before")
-    with contextlib.suppress(ZeroDivisionError), destination.replacing(path) as part:
+    with contextlib.suppress(ZeroDivisionError), files.replacing(path) as part:
         part.write_text("half")
         raise ZeroDivisionError
     assert path.read_text() == "before"
@@ -49,7 +49,7 @@ def test_a_planted_link_is_not_written_through(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     (tmp_path / ".out.part").symlink_to(victim)
-    with destination.replacing(tmp_path / "out") as part:
+    with files.replacing(tmp_path / "out") as part:
         part.write_text("new")
     assert victim.read_text() == "precious"
     assert (tmp_path / "out").read_text() == "new"
@@ -60,7 +60,7 @@ def test_a_link_among_a_folder_of_results_is_not_replaced(tmp_path: Path) -> Non
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "imu.csv").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match="is a link"), destination.filling(folder) as part:
+    with pytest.raises(InputError, match="is a link"), files.filling(folder) as part:
         (part / "imu.csv").write_text("new")
 
 
