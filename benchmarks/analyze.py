@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import CodeType, FrameType
 
@@ -148,8 +149,8 @@ def in_a_process(path: Path, repeats: int) -> Measured:
 def write_piece(piece: int, seconds: float, out: Path, *, faulty: bool = False) -> None:
     """Append a piece of a flight of many to a tlog: its clock goes on from the one before, its noise is its own."""
     from companion.logs import read_tlog  # noqa: PLC0415
-    from companion.mavlink import encode, make_messages  # noqa: PLC0415
     from companion.simulate import Faults, SimulatedVehicle, fly, write_flight  # noqa: PLC0415
+    from tests.tlogs import packed  # noqa: PLC0415
 
     faults = Faults(imu_bias=(seconds / 2, 0.02)) if faulty else Faults()
     flown = fly(seconds, motion="square", seed=piece, faults=faults)
@@ -159,15 +160,15 @@ def write_piece(piece: int, seconds: float, out: Path, *, faulty: bool = False) 
         read = read_tlog(path).messages
     begin, later = piece * PIECE_S, []
     for messages in read.values():
-        fields = {name: messages[name].copy() for name in messages.layout.fields}
+        rows = messages.rows.copy()
         for name, unit in (("time_boot_ms", 1e-3), ("time_usec", 1e-6)):
-            if name in fields:
-                fields[name] += fields[name].dtype.type(round(begin / unit))
-        if "base_mode" in fields and not faulty:
-            fields["base_mode"] |= ARMED
-        later.append(make_messages(messages.layout, messages.log_time + begin, fields))
+            if name in messages.layout.fields:
+                rows[name] += rows.dtype[name].type(round(begin / unit))
+        if "base_mode" in messages.layout.fields and not faulty:
+            rows["base_mode"] |= ARMED
+        later.append(replace(messages, log_time=messages.log_time + begin, rows=rows))
     with out.open("ab") as file:
-        file.write(encode(later, renumber=True).data)
+        file.write(packed(later))
 
 
 def write_log(minutes: float, out: Path) -> None:

@@ -31,7 +31,8 @@ from typing import Any
 import numpy as np
 
 from companion.logs import read_dataflash, read_tlog, read_ulog
-from companion.mavlink import encode, load_dialect, make_messages
+from companion.mavlink import Messages, load_dialect
+from tests.tlogs import packed
 
 # Message -> Hz on an ArduPilot link whose IMU, attitude and position were asked for, as in our own recordings.
 MIX = {
@@ -145,7 +146,7 @@ def make_ulog(path: Path, megabytes: float) -> None:
             begin += 5.0
 
 
-def link_traffic(seconds: float, epoch: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def link_traffic(seconds: float, epoch: float) -> bytes:
     """A stretch of a link as the bytes of a tlog; values as varied as measurements are, one message in three with a
     trailing zero field for MAVLink 2 to trim."""
     rng = np.random.default_rng(round(epoch) % 2**32)
@@ -154,29 +155,31 @@ def link_traffic(seconds: float, epoch: float) -> np.ndarray[Any, np.dtype[np.ui
     for name, hertz in MIX.items():
         layout = dialect.by_name[name]
         t = (np.arange(round(seconds * hertz)) + rng.uniform()) / hertz
-        fields: dict[str, Any] = {}
+        rows = np.zeros(len(t), layout.dtype)
         for field in layout.fields:
             kind = layout.dtype[field]
             shape = (len(t), *kind.shape)
             if field == "time_boot_ms":
-                fields[field] = t * 1e3
+                rows[field] = t * 1e3
             elif field == "time_usec":
-                fields[field] = t * 1e6
+                rows[field] = t * 1e6
             elif kind.base.kind == "f":
-                fields[field] = rng.normal(size=shape)
+                rows[field] = rng.normal(size=shape)
             elif kind.base.kind == "S":
-                fields[field] = b"INS_GYRO_FILTER"
+                rows[field] = b"INS_GYRO_FILTER"
             else:
                 spread = min(1000, np.iinfo(kind.base).max)
                 low = -spread if kind.base.kind == "i" else 0
-                fields[field] = rng.integers(low, spread, shape)
+                rows[field] = rng.integers(low, spread, shape)
         if name == "HEARTBEAT":
-            fields |= {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 4}
-        fields[layout.fields[-1]] = (
-            np.where(rng.random(len(t)) < 1 / 3, 0, 1) if layout.dtype[-1].kind in "iuf" else b""
+            for field, value in {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 4}.items():
+                rows[field] = value
+        rows[layout.fields[-1]] = np.where(rng.random(len(t)) < 1 / 3, 0, 1) if layout.dtype[-1].kind in "iuf" else b""
+        ids, count = np.ones(len(t), np.uint8), np.arange(len(t))
+        everything.append(
+            Messages(layout, count, epoch + t, ids, ids, count.astype(np.uint8), np.zeros(len(t), np.uint16), rows)
         )
-        everything.append(make_messages(layout, epoch + t, fields))
-    return encode(everything, renumber=True)
+    return packed(everything)
 
 
 def make_log(path: Path, megabytes: float) -> None:
@@ -184,7 +187,7 @@ def make_log(path: Path, megabytes: float) -> None:
     size, epoch = 0, 1_700_000_000.0
     with path.open("wb") as file:
         while size < megabytes * 1e6:
-            size += file.write(link_traffic(600.0, epoch).data)
+            size += file.write(link_traffic(600.0, epoch))
             epoch += 600.0
 
 

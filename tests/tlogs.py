@@ -1,12 +1,15 @@
-"""Tlogs packed by pymavlink, message by message: what a vehicle would have sent."""
+"""Tlogs packed message by message, most by pymavlink: what a vehicle would have sent."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink import Messages, Packer
 
 EPOCH = 1_700_000_000.0
 """UNIX time of boot in these logs, s."""
@@ -17,6 +20,20 @@ def resting(path: Path) -> Path:
     log = Writer(path)
     log.rest(12.0)
     return log.close()
+
+
+def packed(messages: Sequence[Messages]) -> bytes:
+    """Messages of several types as a tlog, in order of time; each sender's sequence is counted anew."""
+    times = [(t, kind, i) for kind, one in enumerate(messages) for i, t in enumerate(one.log_time.tolist())]
+    senders: dict[tuple[int, int], Packer] = {}
+    out = bytearray()
+    for t, kind, i in sorted(times):
+        one = messages[kind]
+        who = int(one.sysid[i]), int(one.compid[i])
+        if who not in senders:
+            senders[who] = Packer(*who)
+        out += struct.pack(">Q", round(t * 1e6)) + senders[who].frame(one.layout, one.rows[i].tobytes())
+    return bytes(out)
 
 
 class Writer:

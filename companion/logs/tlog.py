@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,13 +17,11 @@ from typing import Self
 import numpy as np
 
 from companion.logs.logfile import (
-    CHUNK_BYTES,
     HEAD_BYTES,
     MOST_BYTES,
     Contents,
     LogFile,
     log_format,
-    open_file,
     read_head,
     what_else,
 )
@@ -37,11 +34,9 @@ from companion.mavlink import (
     Frames,
     Growing,
     Messages,
-    encode,
     grouped,
     load_dialect,
     log_time,
-    split_messages,
 )
 from companion.model import InputError
 
@@ -148,55 +143,6 @@ def read_tlog(
         dialect=spoken,
         kind="tlog" if decoder.stamped else "raw",
     )
-
-
-def follow_tlog(
-    path: str | Path,
-    *,
-    dialect: str = DEFAULT_DIALECT,
-    names: Collection[str] | None = None,
-    poll_s: float = 0.05,
-    idle_s: float | None = None,
-) -> Iterator[dict[str, Messages]]:
-    """Read a log that is still being written: what is there at first, then what is added, by message name.
-
-    Looks for more every `poll_s` s; ends when nothing was added for `idle_s` s (None: never). Each message comes once,
-    in a batch with its neighbours, as soon as its last byte is in the file. A file that has become shorter is another
-    log, and read from its beginning. Raises InputError if the file cannot be opened; one that is empty or without
-    MAVLink is waited on.
-    """
-    spoken = load_dialect(dialect)
-    decoder: Decoder | None = None
-    quiet_since = time.monotonic()
-    with open_file(Path(path)) as file:
-        while idle_s is None or time.monotonic() - quiet_since < idle_s:
-            chunk = file.read(CHUNK_BYTES)
-            if not chunk and os.fstat(file.fileno()).st_size < file.tell():
-                if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
-                    yield batch
-                decoder = None
-                file.seek(0)
-                continue
-            if not chunk:
-                time.sleep(poll_s)
-                continue
-            quiet_since = time.monotonic()
-            decoder = decoder or Decoder(spoken, stamped=_is_stamped(chunk, spoken))
-            if batch := split_messages(decoder.push(chunk), spoken, names):
-                yield batch
-    if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
-        yield batch
-
-
-def write_tlog(path: str | Path, messages: Sequence[Messages], *, renumber: bool = False) -> None:
-    """Write messages as a tlog of MAVLink 2 frames; see `encode` for their order and `renumber`.
-
-    Raises InputError if the file cannot be written.
-    """
-    try:
-        Path(path).write_bytes(encode(messages, renumber=renumber).data)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
 
 
 class TlogWriter:

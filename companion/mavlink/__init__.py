@@ -10,7 +10,7 @@ from companion.mavlink.dialect import (
     mode_name,
     px4_nav_state_name,
 )
-from companion.mavlink.encode import Packer, Value, Verifier, encode, is_signed, load_key, make_messages
+from companion.mavlink.encode import Packer, Value, Verifier, is_signed, load_key
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
 from companion.mavlink.messages import (

@@ -1,6 +1,5 @@
-"""Messages to MAVLink frames: one to its bytes, as a link sends it, or many as columns, as a log holds them.
-
-With MAVLink 2 signing: https://mavlink.io/en/guide/message_signing.html
+"""Messages to MAVLink frames, as a link sends them, with MAVLink 2 signing:
+https://mavlink.io/en/guide/message_signing.html
 """
 
 from __future__ import annotations
@@ -11,18 +10,17 @@ import importlib
 import re
 import struct
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import SLACK, Bytes, Index, crc_of, frame_crc
+from companion.mavlink.crc import crc_of
 from companion.mavlink.dialect import DEFAULT_DIALECT, MessageLayout, load_dialect
 from companion.mavlink.frames import Frames
 from companion.mavlink.headers import HEADER_2, SIGNATURE_BYTES, SIGNED
-from companion.mavlink.messages import Messages
 from companion.model import InputError
 
 Value = int | float | bytes
@@ -85,114 +83,6 @@ def _zeros(kind: Any) -> dict[str, Any]:
         name: b"" if type_ == "char" else [0] * lengths[name] if lengths[name] else 0
         for name, type_ in zip(kind.fieldnames, kind.fieldtypes, strict=True)
     }
-
-
-_STAMP, _HEADER, _CRC = 8, 10, 2
-
-
-def make_messages(
-    layout: MessageLayout,
-    log_time: npt.NDArray[np.float64],
-    fields: Mapping[str, Any],
-    *,
-    sysid: int = 1,
-    compid: int = 1,
-) -> Messages:
-    """Messages that were not read but made: `log_time` (N,) s UNIX, `fields` name -> (N,) or scalar, in wire units.
-
-    Values are converted as NumPy assigns them (floats to integers truncate, as autopilots do); fields not named are
-    zero. `crc` is zero, `offset` counts and `seq` too: `encode(..., renumber=True)` makes them right.
-    Raises KeyError for a field that the message does not have.
-    """
-    count = len(log_time)
-    rows = np.zeros(count, layout.dtype)
-    for name, values in fields.items():
-        if name not in layout.fields:
-            raise KeyError(f"{layout.name} has no field {name!r}; it has {', '.join(layout.fields)}")
-        rows[name] = values
-    return Messages(
-        layout=layout,
-        offset=np.arange(count, dtype=np.int64),
-        log_time=np.asarray(log_time, np.float64),
-        sysid=np.full(count, sysid, np.uint8),
-        compid=np.full(count, compid, np.uint8),
-        seq=np.arange(count).astype(np.uint8),
-        crc=np.zeros(count, np.uint16),
-        rows=rows,
-    )
-
-
-def encode(messages: Sequence[Messages], *, stamped: bool = True, renumber: bool = False) -> Bytes:
-    """All messages as one stream of MAVLink 2 frames, trailing zeros trimmed, each after its time stamp if `stamped`.
-
-    In the order of `offset`, with their `seq`; with `renumber`, in the order of `log_time` and with `seq` counted per
-    sender, which is what messages of several types that were made, not read, need. A time that is NaN becomes 0.
-    Returns (M,) uint8.
-    """
-    lead = _STAMP if stamped else 0
-    packets = [_sent_length(m) + lead + _HEADER + _CRC for m in messages]
-    size = np.concatenate([np.empty(0, np.int64), *packets])
-    key = np.concatenate([np.empty(0), *(m.log_time if renumber else m.offset for m in messages)])
-    order = np.argsort(key, kind="stable")
-    position = np.empty(len(size), np.int64)
-    position[order] = np.cumsum(size[order]) - size[order]
-    seq = np.concatenate([np.empty(0, np.uint8), *(m.seq for m in messages)])
-    if renumber:
-        senders = (m.sysid.astype(np.int64) << 8 | m.compid for m in messages)
-        seq[order] = _count_per_sender(np.concatenate([np.empty(0, np.int64), *senders])[order])
-    out = np.zeros(int(size.sum()), np.uint8)
-    begin = 0
-    for m, sizes in zip(messages, packets, strict=True):
-        end = begin + len(m)
-        _write(out, m, position[begin:end], sizes, seq[begin:end], lead)
-        begin = end
-    return out
-
-
-def _write(out: Bytes, m: Messages, position: Index, size: Index, seq: Bytes, lead: int) -> None:
-    """Lay the packets of one type at their places in `out`, those of equal length together."""
-    payloads = _payloads(m)
-    stamps = np.nan_to_num(np.round(m.log_time * 1e6)).astype(">u8").view(np.uint8).reshape(len(m), _STAMP)
-    for length in np.unique(size).tolist():
-        chosen = np.flatnonzero(size == length)
-        sent = length - lead - _HEADER - _CRC
-        packets = np.zeros((len(chosen), length), np.uint8)
-        frame = packets[:, lead:]
-        if lead:
-            packets[:, :_STAMP] = stamps[chosen]
-        frame[:, 0], frame[:, 1] = 0xFD, sent
-        frame[:, 4], frame[:, 5], frame[:, 6] = seq[chosen], m.sysid[chosen], m.compid[chosen]
-        frame[:, 7:10] = np.frombuffer(m.layout.id.to_bytes(3, "little"), np.uint8)
-        frame[:, _HEADER : _HEADER + sent] = payloads[chosen, :sent]
-        first = np.arange(len(chosen), dtype=np.int64) * length + lead + 1
-        count = np.full(len(chosen), _HEADER - 1 + sent, np.int64)
-        extra = np.full(len(chosen), m.layout.crc_extra, np.uint8)
-        crc = frame_crc(np.append(packets, np.zeros(SLACK, np.uint8)), first, count, extra)
-        frame[:, -2], frame[:, -1] = crc & 0xFF, crc >> 8
-        windows = np.ndarray((len(out) - length + 1,), np.dtype((np.void, length)), out.data, strides=(1,))
-        windows[position[chosen]] = packets.view(windows.dtype)[:, 0]
-
-
-def _payloads(m: Messages) -> Bytes:
-    """(N, max_length) uint8. Raises KeyError if the rows were not read."""
-    m[m.layout.fields[0]]
-    return np.ascontiguousarray(m.rows).view(np.uint8).reshape(len(m), m.layout.max_length)
-
-
-def _sent_length(m: Messages) -> Index:
-    """Bytes of each payload without its trailing zeros; MAVLink 2 always sends at least one."""
-    filled = _payloads(m)[:, ::-1] != 0
-    trailing = np.where(filled.any(axis=1), filled.argmax(axis=1), m.layout.max_length - 1)
-    return np.asarray(m.layout.max_length - trailing, np.int64)
-
-
-def _count_per_sender(sender: Index) -> Bytes:
-    """The sequence number of each packet among those of its sender, modulo 256."""
-    count = np.empty(len(sender), np.int64)
-    for who in np.unique(sender):
-        mine = np.flatnonzero(sender == who)
-        count[mine] = np.arange(len(mine))
-    return count.astype(np.uint8)
 
 
 _EPOCH = 1_420_070_400  # s UNIX: signing's clock counts 10 µs from 1 January 2015

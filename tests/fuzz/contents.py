@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs import read_dataflash, read_tlog, read_ulog
-from companion.mavlink import encode
 from companion.telemetry.dataflash.flight import RECORDS
 from tests.recordings import BUNDLED, ROOT
+from tests.tlogs import packed
 from tests.ulogs import ulog
 
 Random = np.random.Generator
@@ -150,7 +150,7 @@ def of_tlog() -> Contents:
 
     def write(rows: Mapping[str, Rows], origin: Mapping[str, Index]) -> bytes:
         kept = [replace(messages[name].select(origin[name]), rows=rows[name]) for name in rows if len(rows[name])]
-        return encode(kept).tobytes()
+        return packed(kept)
 
     return _contents({name: one.rows for name, one in messages.items() if len(one)}, write)
 

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import gzip
-import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
 from companion.links import Recorder
-from companion.logs import TlogWriter, follow_tlog, log_format, read_tlog, write_tlog
-from companion.mavlink import Decoder, Messages, Packer, encode, load_dialect, make_messages, split_messages
+from companion.logs import TlogWriter, log_format, read_tlog
+from companion.mavlink import Decoder, Packer, load_dialect
 from companion.model import InputError
 from tests.links.link import link_frames, stamped
-from tests.recordings import recording
-from tests.waiting import LIMIT_S
 
 DIALECT = load_dialect()
 EPOCH = 1_700_000_000.0
@@ -34,50 +29,6 @@ def test_a_payload_that_is_laid_out_already_makes_the_same_frame() -> None:
             for field in fields:
                 row[field] = value
             assert packer.frame(layout, row.tobytes()) == other.pack(name, fields)
-
-
-def test_made_messages_are_read_back_by_pymavlink() -> None:
-    t = EPOCH + np.arange(300) / 100
-    imu = make_messages(DIALECT.by_name["RAW_IMU"], t, {"time_usec": np.arange(300) * 10_000, "zacc": -1000.9}, sysid=7)
-    attitude = make_messages(
-        DIALECT.by_name["ATTITUDE"], t + 0.001, {"roll": np.linspace(-1, 1, 300), "yaw": 0.5}, sysid=7
-    )
-    parameter = make_messages(DIALECT.by_name["PARAM_VALUE"], t[:1], {"param_id": b"AHRS_TRIM_X", "param_value": 0.25})
-    data = encode([imu, attitude, parameter], stamped=False, renumber=True).tobytes()
-    parser: Any = mavlink.MAVLink(None)
-    messages = parser.parse_buffer(data)
-    assert parser.total_receive_errors == 0
-    assert len(messages) == 601
-    one = [m for m in messages if m.get_type() == "PARAM_VALUE"]
-    assert [(m.param_id, m.param_value, m.get_srcSystem()) for m in one] == [("AHRS_TRIM_X", 0.25, 1)]
-    vehicle = [m for m in messages if m.get_srcSystem() == 7]
-    assert [m.get_type() for m in vehicle[:4]] == ["RAW_IMU", "ATTITUDE", "RAW_IMU", "ATTITUDE"]
-    assert [m.get_seq() for m in vehicle] == [i % 256 for i in range(600)]
-    assert {m.zacc for m in vehicle[::2]} == {-1000}  # towards zero, as autopilots convert
-    np.testing.assert_array_equal(
-        np.array([m.roll for m in vehicle[1::2]], np.float32), np.linspace(-1, 1, 300).astype(np.float32)
-    )
-
-
-@pytest.mark.parametrize("name", ["sitl/two-vehicles.tlog", "public/clydemcqueen__ardusub_log_tools__small.tlog"])
-def test_a_log_written_again_is_the_same_log(tmp_path: Path, name: str) -> None:
-    first = read_tlog(recording(name))
-    write_tlog(tmp_path / "again.tlog", list(first.messages.values()))
-    again = read_tlog(tmp_path / "again.tlog")
-    assert list(again.messages) == list(first.messages)
-    assert (again.bad_crc_frames, again.skipped_bytes) == (0, 0)
-    for key, messages in first.messages.items():
-        copy = again.messages[key]
-        for column in ("log_time", "sysid", "compid", "seq"):
-            np.testing.assert_array_equal(getattr(copy, column), getattr(messages, column))
-        assert copy.rows.tobytes() == messages.rows.tobytes()
-
-
-def test_frames_of_mavlink_2_are_written_byte_for_byte() -> None:
-    """As long as their sender trimmed its zeros, which pymavlink does."""
-    data = b"".join(stamped(frame, 1_700_000_000_000_000 + i) for i, frame in enumerate(link_frames(700)))
-    messages = split_messages(Decoder(DIALECT, stamped=True).push(data), DIALECT)
-    assert encode(list(messages.values())).tobytes() == data
 
 
 def test_a_link_recorded_as_it_comes(tmp_path: Path) -> None:
@@ -127,53 +78,6 @@ def test_two_that_begin_in_one_second_record_beside_each_other(tmp_path: Path, m
     ]
 
 
-def test_following_a_log_while_it_grows(tmp_path: Path) -> None:
-    path = tmp_path / "growing.tlog"
-    frames = list(link_frames(400))
-    data = b"".join(stamped(frame, 1_700_000_000_000_000) for frame in frames)
-    path.write_bytes(data[:1777])
-    read = threading.Event()
-
-    def write() -> None:
-        with path.open("ab", buffering=0) as file:
-            for begin in range(1777, len(data), 1777):  # at any byte of a frame
-                read.wait(LIMIT_S)
-                file.write(data[begin : begin + 1777])
-                time.sleep(0.005)
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    batches: list[dict[str, Messages]] = []
-    offsets: list[int] = []
-    for batch in follow_tlog(path, poll_s=0.001, idle_s=LIMIT_S):
-        batches.append(batch)
-        read.set()
-        offsets += [offset for messages in batch.values() for offset in messages.offset.tolist()]
-        if len(offsets) >= len(frames):
-            break
-    writer.join()
-    assert len(batches) > 1
-    assert len(set(offsets)) == len(offsets) == len(frames)
-    path.write_bytes(data)
-    whole = read_tlog(path)
-    for name, messages in whole.messages.items():
-        parts = [batch[name] for batch in batches if name in batch]
-        assert b"".join(part.rows.tobytes() for part in parts) == messages.rows.tobytes()
-        np.testing.assert_array_equal(np.concatenate([part.offset for part in parts]), messages.offset)
-
-
-def test_a_followed_log_that_begins_anew_is_read_anew(tmp_path: Path) -> None:
-    path = tmp_path / "growing.tlog"
-    data = b"".join(stamped(frame, 1_700_000_000_000_000) for frame in link_frames(100))
-    path.write_bytes(data)
-    batches = follow_tlog(path, poll_s=0.001, idle_s=0.5)
-    first = next(batches)
-    path.write_bytes(data[: len(data) // 2])
-    second = next(batches)
-    assert {name: one.offset[0] for name, one in first.items()} == {n: one.offset[0] for n, one in second.items()}
-    assert list(batches) == []
-
-
 def test_streams_without_stamps_have_no_log_time(tmp_path: Path) -> None:
     path = tmp_path / "link.raw"
     path.write_bytes(b"".join(link_frames(70)))
@@ -200,11 +104,4 @@ def test_nothing_that_can_be_decompressed(tmp_path: Path) -> None:
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        write_tlog(tmp_path, [])
-    with pytest.raises(InputError, match="cannot be written"):
         TlogWriter(tmp_path / "no" / "such.tlog")
-
-
-def test_a_field_that_no_message_has() -> None:
-    with pytest.raises(KeyError, match="no field"):
-        make_messages(DIALECT.by_name["ATTITUDE"], np.zeros(1), {"rol": 1.0})
