@@ -63,6 +63,12 @@ def replacing(path: Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def write(path: Path, text: str) -> None:
+    """Write a text file. Raises as `replacing`."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8", errors="replace")
+
+
 @contextlib.contextmanager
 def filling(path: Path) -> Iterator[Path]:
     """A folder to write to whose files move into `path` when all is well; `path` is made if need be.

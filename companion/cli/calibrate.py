@@ -37,8 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
             "not written: this flight does not determine the IMU's constant errors (see above). "
             "Write it all the same: --force"
         )
-    text = correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})")
-    with files.replacing(path) as part:
-        part.write_text(text, encoding="utf-8")
+    files.write(path, correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})"))
     options.say(f"written: {path}")
     return 0

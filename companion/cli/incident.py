@@ -50,8 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         page = incident_html(shown, flight, None if assessment is None else assessment.best, verdict, name)
     else:
         page = incident_markdown(shown, flight, verdict, name)
-    with files.replacing(path) as part:
-        part.write_text(page, encoding="utf-8")
+    files.write(path, page)
     options.say(f"written: {path}")
     return 0
 

@@ -68,6 +68,13 @@ def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
     )
 
 
+def refuse_of_links(arguments: argparse.Namespace, *more: str) -> None:
+    """Raises SettingsError where a log is given what is for a link. more: further options of the command."""
+    names = ("rate", "listen-only", "signing-key-file", "wait", "output", *more)
+    if given := [f"--{name}" for name in names if getattr(arguments, name.replace("-", "_"))]:
+        raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
+
+
 @dataclass(frozen=True, slots=True)
 class Patience:
     """How long nothing may be received: `until` s of `time.monotonic()`, infinite without a limit."""

@@ -91,8 +91,7 @@ def _check(path: Path, *, force: bool) -> None:
 def _write(path: Path, noise: ImuNoise, origin: str) -> None:
     texts = {"kalibr": kalibr_text, "model": imu_model_text}
     if (kind := _FILES.get(path.suffix)) is not None:
-        with files.replacing(path) as part:
-            part.write_text(texts[kind](noise, origin), encoding="utf-8")
+        files.write(path, texts[kind](noise, origin))
     else:
         with files.filling(path) as folder:
             (folder / "imu.yaml").write_text(kalibr_text(noise, origin), encoding="utf-8")

@@ -20,10 +20,9 @@ from companion.cli import live, options, parsers, record, tables
 from companion.documents import encode, preflight_document
 from companion.fleet import earlier_checks
 from companion.links import is_link
-from companion.model import DataError, Flight, SettingsError, counted
+from companion.model import DataError, Flight, counted
 from companion.present import preflight_headline, preflight_table
 
-_OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output")
 _LINK_S = 30.0
 _COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}
 
@@ -50,8 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the checks. Exit code: 0 where nothing is no-go, 1 where something is, 2 where nothing can be checked."""
     if is_link(arguments.log) and not Path(arguments.log).is_file():
         return _of_link(arguments)
-    if given := [f"--{name}" for name in (*_OF_LINKS, "duration") if getattr(arguments, name.replace("-", "_"))]:
-        raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
+    live.refuse_of_links(arguments, "duration")
     return _of_log(arguments)
 
 

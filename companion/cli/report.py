@@ -34,8 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     examined = examined_or_not(flight, settings, **options.chosen(arguments))
     command, playback = shlex.join(["companion", *sys.argv[1:]]), not arguments.no_playback
     page = report_html(examined, recording.source, settings, command=command, with_playback=playback)
-    with files.replacing(path) as part:
-        part.write_text(page, encoding="utf-8")
+    files.write(path, page)
     if arguments.open:
         webbrowser.open(path.resolve().as_uri())
     print(f"{path}: {path.stat().st_size:,} bytes. {examined.verdict.summary}")

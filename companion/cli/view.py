@@ -12,8 +12,6 @@ from companion.cli import live, options, parsers
 from companion.links import is_link
 from companion.model import SettingsError
 
-_OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
-
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
@@ -59,9 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.map or arguments.map_url:
             raise SettingsError("--map is for a log: a link's page has no map.")
         return view_link.run(arguments)
-    given = [f"--{name}" for name in _OF_LINKS if getattr(arguments, name.replace("-", "_"))]
-    if given:
-        raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
+    live.refuse_of_links(arguments, "no-record")
     return _replay(arguments)
 
 

@@ -17,6 +17,10 @@ Stamps = npt.NDArray[np.int64]
 """(N,) ns."""
 
 
+NED_IN_ENU = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])  # half a turn about north-east: swaps and flips
+FLU_IN_FRD = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about forward
+
+
 @dataclass(frozen=True, slots=True)
 class Schema:
     """What the messages of a channel are: their name, and the text that describes their fields."""

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from companion.analysis import Assessment, Replay
-from companion.export.channels import Channel, Schema, clock_of, stamps_of, write_channels
+from companion.export.channels import FLU_IN_FRD, NED_IN_ENU, Channel, Schema, clock_of, stamps_of, write_channels
 from companion.export.kml import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.model import Array, Flight, words
@@ -159,8 +159,6 @@ def _quaternions(q: Array) -> Iterator[Message]:
     return ({"x": x, "y": y, "z": z, "w": w} for w, x, y, z in q.tolist())
 
 
-_NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
-_FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
 _HERE = np.zeros((1, 3))
 _STATIC_S = 1.0  # frames that do not move are repeated so often, for those who join in mid-file
 
@@ -199,11 +197,8 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
         ("imu", t, shown.position_imu, shown.q_imu),
         *([("best", best.t, best.position, best.q_ned_frd)] if best else []),
     ]
-    for parent, child, q in (
-        ("enu", "ned", _NED_IN_ENU),
-        *((f"{name}_frd", name, _FLU_IN_FRD) for name, *_ in bodies),
-    ):
-        (still,) = transforms(parent, child, _HERE, q)
+    for parent, child, q in (("enu", "ned", NED_IN_ENU), *((f"{name}_frd", name, FLU_IN_FRD) for name, *_ in bodies)):
+        (still,) = transforms(parent, child, _HERE, q[None])
         yield Topic("/tf", TRANSFORM, beats, [still] * len(beats))
     drawn = paths(shown, best)
     for name, times, position, q in bodies:

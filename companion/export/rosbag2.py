@@ -21,7 +21,16 @@ import numpy.typing as npt
 
 from companion.analysis import Assessment, Replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.channels import Channel, Schema, Stamps, clock_of, stamps_of, write_channels
+from companion.export.channels import (
+    FLU_IN_FRD,
+    NED_IN_ENU,
+    Channel,
+    Schema,
+    Stamps,
+    clock_of,
+    stamps_of,
+    write_channels,
+)
 from companion.export.table import Contents, Format, table_name
 from companion.model import Array, Flight, GpsTrack, interpolated
 from companion.strapdown import quaternion
@@ -151,9 +160,6 @@ def _block(
 def _rows(block: npt.NDArray[np.uint8]) -> Iterator[bytes]:
     return (row.tobytes() for row in block)
 
-
-NED_IN_ENU = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])  # half a turn about north-east: swaps and flips
-FLU_IN_FRD = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about forward
 
 _FLU = np.array([1.0, -1.0, -1.0])
 _NO_FIX, _FIX, _SBAS, _GBAS = -1, 0, 1, 2

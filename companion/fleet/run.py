@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from companion.app.files import replacing
+from companion.app.files import replacing, write
 from companion.app.settings import Settings
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
 from companion.fleet.journal import Journal, LogRecord, Plan, printable, version_of
@@ -154,8 +154,7 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     rows = rows_of(logs)
     page = _page(rows, about)
     try:
-        with replacing(paths[-1]) as draft:
-            draft.write_text(page, encoding="utf-8")
+        write(paths[-1], page)
         for name, path in [*zip(COLUMNS, paths[:-1], strict=True)][::-1]:  # "flights", with the state, last
             table = arrow_table(name, getattr(rows, name))
             with replacing(path) as draft:

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from companion.app.examination import Examination, Unexamined, examined_or_not
-from companion.app.files import replacing
+from companion.app.files import write
 from companion.app.recording import Recording, read_recording
 from companion.app.settings import Settings
 from companion.documents import analysis_document
@@ -188,8 +188,7 @@ def write_report(folder: Path, recording: Recording, examined: Examination, sett
     name = f"{_FOLDER}/{stem}-{digest[:10]}{which}.html"
     (folder / _FOLDER).mkdir(exist_ok=True)
     page = report_html(examined, recording.source, settings, command=f"companion report {recording.source.path.name}")
-    with replacing(folder / name) as draft:
-        draft.write_text(page, encoding="utf-8", errors="replace")
+    write(folder / name, page)
     return name
 
 

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon, with_track
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, LinkState, Seen, StreamState
 from companion.view.state.marks import Mark

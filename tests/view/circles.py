@@ -15,7 +15,7 @@ from companion.analysis import (
 from companion.app.examination import assess_imu
 from companion.app.settings import Settings
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, chosen_track, display_trajectory, with_track
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, chosen_track, display_trajectory
 
 RATE = 50.0
 DURATION = 60.0
@@ -64,7 +64,7 @@ def recompute(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
 
 def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
     """What the analysis says of the made-up readings: nothing good, for the IMU stands still while it circles."""
-    seen = with_track(flight, display.track or flight.imu(choice.imu))
+    seen = flight.with_imu(display.track or flight.imu(choice.imu))
     found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
     over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
     expected = expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, display.replay)

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis import replay
 from companion.model import Flight
-from companion.view import DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory, with_track
+from companion.view import DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory
 from tests.view.circles import RATE, examine, make_flight
 from tests.waiting import wait_for
 
@@ -27,7 +27,7 @@ def test_a_new_bias_is_on_the_screen() -> None:
 
     def dead_reckon(flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         track = chosen_track(flight, choice)
-        return display_trajectory(replay(with_track(flight, track), imu=choice.imu), track)
+        return display_trajectory(replay(flight.with_imu(track), imu=choice.imu), track)
 
     with Viewer([flight], dead_reckon, examine, port=0) as viewer:
         viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))

@@ -71,26 +71,17 @@ class Judge:
         self.most_s = MOST_S  # of data that are judged: less where that takes too long
         self.others: tuple[str, ...] = ()  # further vehicles with an IMU at the last judgement
         self._stream = stream or new_stream(dialect, dequantise=dequantise)
-        self._newest = 0.0
+        self.newest = 0.0  # s UNIX, when the newest data arrived; 0: nothing has
         self.last = LiveVerdict("", "nothing has been received")  # what was said last
         self._since = math.inf  # s UNIX, the first alarm since nobody was suspect
         self._judged: Flight | None = None
         self._aloft_s = -math.inf  # s, boot clock, when it was last known to be in the air
         self._tells = False  # whether the vehicle says itself when it takes off and lands
 
-    @property
-    def newest(self) -> float:
-        """When the newest data arrived, s UNIX; 0: nothing has."""
-        return self._newest
-
     def hear(self, data: bytes, received: float) -> None:
         """Take bytes that arrived at `received` s UNIX."""
         self._stream.push(data, received)
-        self._newest = received
-
-    def received_at(self, received: float) -> None:
-        """Somebody else has given the stream what arrived until then."""
-        self._newest = received
+        self.newest = received
 
     def forget(self) -> None:
         """Begin the record anew: another IMU is judged from now on."""
@@ -111,11 +102,11 @@ class Judge:
         if changed and str(flight.vehicle) != last.vehicle:
             text = f"Vehicle {flight.vehicle} is judged from now on: {changed}{text}"
         verdict = replace(
-            last, status=status, text=text, newest=self._newest, expected=expected, vehicle=str(flight.vehicle)
+            last, status=status, text=text, newest=self.newest, expected=expected, vehicle=str(flight.vehicle)
         )
         if status in _SUSPECT:
-            verdict = replace(verdict, alarms=_noted(last.alarms, self._since, status, text, self._newest))
-            self._since = min(self._since, self._newest)
+            verdict = replace(verdict, alarms=_noted(last.alarms, self._since, status, text, self.newest))
+            self._since = min(self._since, self.newest)
         elif status == "consistent":
             self._since = math.inf
         self.last = replace(verdict, was_consistent=last.was_consistent or status == "consistent")
@@ -145,7 +136,7 @@ class Judge:
     @property
     def _horizon_s(self) -> float:
         """Of data that are judged: more until an alarm has cleared, so that its onset stays in them."""
-        return min(max(HORIZON_S, self._newest - self._since + _BEFORE_S), self.most_s)
+        return min(max(HORIZON_S, self.newest - self._since + _BEFORE_S), self.most_s)
 
     def _imu_of(self, flight: Flight) -> str | None:
         return self.imu if self.imu in flight.imus else None

@@ -97,7 +97,7 @@ class Judges:
         self._stream.push(data, received)
         self._newest = received
         for pace in self._paces:
-            pace.judge.received_at(received)
+            pace.judge.newest = received
 
     def choose(self, judging: Callable[[], Judging], imu: str | None) -> None:
         """Judge otherwise, or another IMU, from now on: every record begins anew."""
@@ -120,7 +120,7 @@ class Judges:
 
     def _pace(self, vehicle: str | None) -> Pace:
         judge = Judge(self._judging(), dialect=self._dialect, imu=self._imu, vehicle=vehicle, stream=self._stream)
-        judge.received_at(self._newest)
+        judge.newest = self._newest
         return Pace(judge)
 
     def _meet(self, judge: Judge) -> None:

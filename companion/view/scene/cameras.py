@@ -109,7 +109,7 @@ def frame_of(display: DisplayTrajectory) -> Framing:
     """The room of a flight with its worst stretch; without a position both drones hang in the air above the origin."""
     replay = display.replay
     worst = worst_stretch(replay)
-    astray = replay.position_imu[:0] if worst is None else replay.position_imu[_between(replay.t, *worst.span)]
+    astray = replay.position_imu[:0] if worst is None else replay.position_imu[between(replay.t, *worst.span)]
     framing = frame(replay.position_ref, astray, WORST_ASTRAY)
     return framing if replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
@@ -121,14 +121,15 @@ WITH_DRONES = 1.2
 def frame_between(display: DisplayTrajectory, whole: Framing, start: float, end: float) -> Framing:
     """The room of both paths between two times, s, over the ground of the whole flight."""
     replay = display.replay
-    part = _between(replay.t, start, end)
+    part = between(replay.t, start, end)
     if not replay.has_position or part.stop - part.start < 2:
         return whole
     near = frame(replay.position_ref[part], replay.position_imu[part], np.inf)
     return replace(near, ground=whole.ground, distance=WITH_DRONES * near.distance)
 
 
-def _between(t: Array, start: float, end: float) -> slice:
+def between(t: Array, start: float, end: float) -> slice:
+    """The samples from one time to another, both included, s."""
     return slice(*np.searchsorted(t, [start, end + 1e-6]).tolist())
 
 

@@ -11,6 +11,7 @@ import viser
 from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME
+from companion.view.scene.cameras import between
 from companion.view.scene.ground import is_free
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
@@ -67,7 +68,7 @@ class Overview:
             visible=len(lines) > 0,
         )
         worst = worst_stretch(replay)
-        part = slice(0, 0) if worst is None else _part(replay.t, *worst.span)
+        part = slice(0, 0) if worst is None else between(replay.t, *worst.span)
         places = {"imu": (replay.position_imu, colour), "autopilot": (replay.position_ref, palette.AUTOPILOT)}
         for name, (positions, shade) in places.items():
             _draw(self._worst[name], _simple(positions[part]), np.array(shade, dtype=np.uint8))
@@ -118,10 +119,6 @@ def sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
 def worst_words(worst: Worst) -> str:
     """What is written at the worst stretch."""
     return f"{worst.end_s:.0f} s: {length(worst.apart_m)} apart"
-
-
-def _part(t: Array, start: float, end: float) -> slice:
-    return slice(*np.searchsorted(t, [start, end + 1e-6]).tolist())
 
 
 def _simple(positions: Array, most: int = _WORST_POINTS) -> Segments:

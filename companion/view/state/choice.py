@@ -105,8 +105,3 @@ def chosen_track(flight: Flight, choice: ReplayChoice, correction: Correction = 
         gyro, accel = Sensor(bias=np.array(choice.gyro_bias)), Sensor(bias=np.array(choice.accel_bias))
         track = correct(track, ImuModel(gyro, accel))
     return track
-
-
-def with_track(flight: Flight, track: ImuTrack) -> Flight:
-    """The flight with other readings in place of the IMU's of the same name."""
-    return replace(flight, imus={**flight.imus, track.source: track})

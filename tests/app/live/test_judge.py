@@ -226,7 +226,7 @@ def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
     for t, packets in bursts(vehicle, 20.0):
         judge.hear(packets, EPOCH + t)
     before = judge.judge()
-    judge.received_at(EPOCH + 30.0)  # others speak
+    judge.newest = EPOCH + 30.0  # others speak
     assert judge.judge() == before
     old = replace(before, age_s=10.0)
     assert old.now == ("stale", "as of 10 s ago: all is well")
