@@ -112,7 +112,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The charts, loaded when the first is asked for: the report draws them, and loads the viewer with itself."""
+    """The charts, loaded when the first is requested: the report draws them, and loads the viewer with itself."""
     if not name.startswith("plot_") or name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from companion import report  # noqa: PLC0415

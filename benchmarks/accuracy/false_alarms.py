@@ -82,7 +82,7 @@ def watch(given: tuple[int, float] | Path) -> Watched:
     alarms: tuple[Alarm, ...] = ()
     first = last = 0.0
     for received, packets in recorded(given) if isinstance(given, Path) else simulated(*given):
-        judges.hear(packets, received)
+        judges.receive(packets, received)
         first, last = first or received, received
         said = judges.step(received)
         if said is not None:

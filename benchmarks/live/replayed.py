@@ -89,7 +89,7 @@ def listened(path: Path, cost: float, until: float = np.inf) -> list[Told]:
     judge = Judge(noted, dialect=assignment.settings.log.dialect)
     pace, now, out = Pace(judge), 0.0, list[Told]()
     for data, received in pieces(path):
-        judge.hear(data, received)
+        judge.receive(data, received)
         if received < now:
             continue
         now, before = received, time.process_time()

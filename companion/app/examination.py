@@ -115,7 +115,7 @@ def examine(
 
     imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
     correction: a file of `companion calibrate`; how: in place of what the settings say; anchor: "rest" aligns the IMU
-    by itself too; confusion: find out from which size on faults are told from their rivals, which takes seconds.
+    by itself too; confusion: find out from which size on faults are identified among their rivals, which takes seconds.
 
     Raises DataError when the flight has no usable IMU, no attitude or, for that, no rest; InputError and SettingsError
     for files that cannot be read.

@@ -179,7 +179,7 @@ def _judge_until_the_end(given: IO[bytes], answers: IO[bytes]) -> None:
             if isinstance(one, Assignment):
                 judges.choose(partial(verdict_on, one), one.imu)
             else:
-                judges.hear(*one)
+                judges.receive(*one)
         live_verdict = judges.step(time.monotonic())
         if live_verdict is not None:
             with contextlib.suppress(OSError):
@@ -242,7 +242,7 @@ def verdict_on(assignment: Assignment) -> Judging:
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
     standing: tuple[StandingFault, ...] = ()
-    since = 0.0  # s, boot clock, when the vehicle was first heard
+    since = 0.0  # s, boot clock, when the vehicle was first received
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
         nonlocal band, of, made, before, standing, since
@@ -277,7 +277,7 @@ def verdict_on(assignment: Assignment) -> Judging:
 def _just_begun(flight: Flight, assessment: Assessment, since: float) -> str:
     """Why a flight cannot be judged yet that has only begun: it has too few windows; "" for any other.
 
-    since: s, boot clock, when the vehicle was first heard.
+    since: s, boot clock, when the vehicle was first received.
     """
     judged = assessment.agreements[num.JUDGED_S]
     if judged.windows >= num.MIN_WINDOWS or any(f.kind == "rate_too_low" for f in assessment.verdict.findings):

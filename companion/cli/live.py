@@ -43,14 +43,14 @@ def add_link(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )
-    add_manners(parser)
+    add_request_options(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help=OUTPUT)
 
 
 OUTPUT = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
 
 
-def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+def add_request_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """What may be requested of the vehicle."""
     parser.add_argument("--rate", type=float, metavar="HZ", help="how often to ask for the IMU (default: 100)")
     parser.add_argument(
@@ -189,7 +189,7 @@ def say(text: str, end: str = "\n") -> None:
     _write(sys.stderr, text + end)
 
 
-def tell(text: str) -> None:
+def print_line(text: str) -> None:
     """A line on stdout, likewise."""
     _write(sys.stdout, f"{text}\n")
 
@@ -228,7 +228,7 @@ def conclude(link: Link, recorder: Recorder, *, restored: bool) -> int:
         )
     if not link.health.frames:
         return nothing_received()
-    tell(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
+    print_line(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
     return 2 if recorder.problem or not restored else 0
 
 

@@ -38,7 +38,7 @@ def add_options(parser: parsers.Parser) -> None:
     )
     parsers.add_json(parser)
     on_link = parser.add_argument_group("on a link")
-    live.add_manners(on_link)
+    live.add_request_options(on_link)
     on_link.add_argument(
         "--duration", type=float, metavar="S", help=f"listen for so many seconds (default: {_LINK_S:g})"
     )

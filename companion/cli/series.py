@@ -14,7 +14,7 @@ from companion.export import assessed_replay, harmless, tables
 from companion.model import DataError, counted, nearest_word
 
 _EXAMINED = ("reckoning", "best_estimate", "drift", "windows", "findings", "calibration")
-"""Tables of an examination, which is made when one of them is asked for."""
+"""Tables of an examination, which is made when one of them is requested."""
 
 _MOST_POINTS = 5000
 

@@ -39,7 +39,7 @@ def add_options(parser: parsers.Parser) -> None:
         "--map-url", metavar="URL", help="server of the map's tiles, with {z}, {x} and {y} (default: OpenStreetMap's)"
     )
     on_link = parser.add_argument_group("on a link")
-    live.add_manners(on_link)
+    live.add_request_options(on_link)
     on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
     on_link.add_argument("--no-record", action="store_true", help="record nothing")
     parser.add_argument("--open", action="store_true", help="open the browser")

@@ -108,6 +108,6 @@ def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveVie
     if viewer.warning:
         live.say(viewer.warning)
     where = f"recording into {recorder.path}" if recorder else "not recorded"
-    live.tell(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)")
+    live.print_line(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)")
     if arguments.open:
         webbrowser.open(viewer.url)

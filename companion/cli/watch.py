@@ -126,7 +126,7 @@ class _Lines:
             line = _line(self._session, live_verdict)
             changed = self._of(vehicle).take(line, several=len(all_verdicts) > 1)
             if changed or due:
-                live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
+                live.print_line(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
 
     def _of(self, vehicle: str) -> _Changes:
         """Whom to tell of a vehicle's changes; what was said before it was known who it is counts for the first."""

@@ -125,7 +125,7 @@ def _verdict(flight: Flight, settings: Settings) -> Line:
 def _tell(line: Line, command: options.Command, *, as_json: bool) -> None:
     text = json.dumps(line, ensure_ascii=False)
     if as_json:
-        live.tell(text)
+        live.print_line(text)
     elif "error" in line:
         tables.console().lines(escape(f"{line['log']}: not read: {line['error']}"))
     else:

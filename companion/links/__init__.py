@@ -1,4 +1,4 @@
-"""Vehicles on a link: transports, the session, what is asked for, and the recording. The only sockets."""
+"""Vehicles on a link: transports, the session, what is requested, and the recording. The only sockets."""
 
 from companion.links.link import Link, LinkHealth, open_port
 from companion.links.playback import Played, play

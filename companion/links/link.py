@@ -88,7 +88,7 @@ class Link:
         self._verifier = Verifier(signing_key) if signing_key is not None else None
         self._decoder = Decoder(self.dialect, stamped=False, unknown=True)
         self.health.damage = self._decoder.damage
-        self._modern = False  # whether MAVLink 2 has been heard
+        self._modern = False  # whether MAVLink 2 has been received
         self._patience_s = patience_s
         self._read_at = 0.0  # s of `time.monotonic()`, the last time
         self._sequence: dict[tuple[int, int], tuple[int, int]] = {}  # last, and how far it is behind the highest

@@ -19,7 +19,7 @@ Desired = dict[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One message that is asked for."""
+    """One message that is requested."""
 
     name: str
     hz: float | Literal["imu", "half the imu", "attitude", "position"]
@@ -61,7 +61,7 @@ _ROWS = (
 
 
 def with_every_imu(rows: Sequence[Row], imu_messages: Iterable[str]) -> tuple[Row, ...]:
-    """The rows, and one for each IMU message without: one more IMU, asked for as those beside the first are."""
+    """The rows, and one for each IMU message without: one more IMU, requested as those beside the first are."""
     named = {row.name for row in rows}
     return (*rows, *(Row(name, "half the imu", 0.0, optional=True) for name in imu_messages if name not in named))
 
@@ -107,7 +107,7 @@ def fit(
 
     From the last row of the table to the first each message is lowered as far as is needed, to its least rate or out
     of the list; so the IMU is the last to suffer. Where even the least rates are too much, all are lowered alike.
-    bytes_per_second: of the line; None when it has no limit that we know. What the dialect lacks is not asked for.
+    bytes_per_second: of the line; None when it has no limit that we know. What the dialect lacks is not requested.
     """
     desired = {name: hz for name, hz in desired.items() if name in dialect.by_name}
     needed = load(desired, dialect)

@@ -18,7 +18,7 @@ ACCEPTED = 0  # MAV_RESULT
 
 ALLOWED_MESSAGES = frozenset({"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"})
 ANNOUNCEMENT = "STATUSTEXT"
-"""Words for people at ground stations: sent only over a link that was told to announce."""
+"""Words for people at ground stations: sent only over a link that announces."""
 ALLOWED_COMMANDS = frozenset({GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
 """The only values of COMMAND_LONG.command."""
 

@@ -5,7 +5,8 @@ take them for the vehicle's. So they are written down before the first request c
 link in the user's state folder; a message is removed from it when the vehicle has confirmed that it is as before.
 
 An acknowledgement names the command and not the message, so that one that is lost, or late (through MAVProxy), cannot
-be told from that of another message. Each request is therefore followed by GET_MESSAGE_INTERVAL, whose answer names it.
+be distinguished from that of another message. Each request is therefore followed by GET_MESSAGE_INTERVAL, whose answer
+names it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from companion.links.request_table import STREAMS
 from companion.links.requests import Request, Target
 from companion.mavlink import Messages
 
-_SAME = 0.1  # by which an interval may differ from the one asked for and still be it ...
+_SAME = 0.1  # by which an interval may differ from the requested one and still be it ...
 _SAME_US = 1000  # ... and so many µs: ArduPilot keeps whole ms
 _LONGEST_US = 2**31  # of MESSAGE_INTERVAL
 _MOST_HZ = 2**16  # of REQUEST_DATA_STREAM
@@ -37,8 +38,8 @@ class OriginalRate:
 
     found_us: int | None  # interval as MESSAGE_INTERVAL says it; None: the vehicle did not say
     found_hz: float  # what arrived
-    asked_us: int  # the interval that the companion asked for
-    by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
+    asked_us: int  # the interval that the companion requested
+    by_stream: bool = False  # requested with REQUEST_DATA_STREAM
 
     @property
     def is_whole(self) -> bool:
@@ -48,7 +49,7 @@ class OriginalRate:
         return whole and isinstance(self.found_hz, int | float) and 0 <= self.found_hz < _MOST_HZ
 
     def is_ours(self, interval_us: int) -> bool:
-        """Whether an interval is the one that a companion asked for: then it is not the vehicle's own."""
+        """Whether an interval is the one that a companion requested: then it is not the vehicle's own."""
         return is_same(interval_us, self.asked_us)
 
 
@@ -64,7 +65,7 @@ class OriginalRatesFile:
         self.problem = ""  # why nothing can be written, for the user
 
     def note(self, name: str, earlier: OriginalRate) -> None:
-        """Write down one message before it is asked for."""
+        """Write down one message before it is requested."""
         if self.known.get(name) == earlier:
             return
         self.known[name] = earlier
@@ -148,7 +149,7 @@ class _Message:
 class Restoration:
     """Requests come out, answers go in, until every message is as before.
 
-    earlier: what was found of each message that was asked for. ids: the numbers of messages. answers: whether the
+    earlier: what was found of each message that was requested. ids: the numbers of messages. answers: whether the
     vehicle has ever answered a request. late: acknowledgements of earlier requests that may still come.
     """
 
@@ -198,7 +199,7 @@ class Restoration:
 
     def receive(self, messages: Mapping[str, Messages], own_sysid: int) -> None:
         """Take what the vehicle sent after a request."""
-        self._streams.clear()  # nobody acknowledges a stream: that the vehicle is heard has to do
+        self._streams.clear()  # nobody acknowledges a stream: that the vehicle is received has to do
         if "MESSAGE_INTERVAL" in messages:
             self._answers = True
             answers = messages["MESSAGE_INTERVAL"]

@@ -30,12 +30,12 @@ _READ = (
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
 )  # fmt: skip
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
-_IMU_WITHIN_S = 3.0  # of being asked; who sends none makes room for a vehicle that does
+_IMU_WITHIN_S = 3.0  # of the request; who sends none makes room for a vehicle that does
 
 
 @dataclass(frozen=True, slots=True)
 class Arriving:
-    """One message that is asked for."""
+    """One message that is requested."""
 
     name: str
     desired_hz: float
@@ -49,14 +49,14 @@ class Report:
 
     link: str
     problem: str  # why nothing is received at present; "" while frames arrive
-    vehicles: tuple[str, ...]  # every autopilot heard
+    vehicles: tuple[str, ...]  # every autopilot received
     arriving: tuple[Arriving, ...]
     frames: int
-    lost: int  # frames of the vehicles that are asked, missing by sequence
+    lost: int  # frames of the vehicles with requests, missing by sequence
     lost_by: Mapping[str, float]  # SYSID:COMPID of each of these → share of its frames that is missing, 0 to 1
     unsigned: int  # frames dropped because they carry no signature
     wrongly_signed: int  # ... because theirs is not of our key, or is repeated
-    clock: Clock | None  # of the first vehicle that is asked
+    clock: Clock | None  # of the first vehicle with requests
     recording: str  # file; "" for none
     recorded_bytes: int
     recording_problem: str
@@ -66,7 +66,7 @@ class Report:
 class Choice:
     """What a session asks for."""
 
-    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU when asked; "all": each
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU on request; "all": each
     imu_hz: float = 100.0
     attitude_hz: float = 50.0
     position_hz: float = 20.0
@@ -101,7 +101,7 @@ class Session:
         self._patience_s = patience_s
         self._remember = remember
         self._vehicles = Vehicles(link.dialect.enum_names("MAV_AUTOPILOT"), choice.names)
-        self._left: list[VehicleSession] = []  # that were asked before another was: restored at the end
+        self._left: list[VehicleSession] = []  # that had requests before another had: restored at the end
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
         self._leaving = False
@@ -126,7 +126,7 @@ class Session:
 
     @property
     def vehicles(self) -> Mapping[Target, str]:
-        """Every autopilot heard → its MAV_AUTOPILOT without prefix."""
+        """Every autopilot received → its MAV_AUTOPILOT without prefix."""
         return self._vehicles.known
 
     @property
@@ -166,7 +166,7 @@ class Session:
 
     @property
     def lost(self) -> dict[str, float]:
-        """SYSID:COMPID of each vehicle that is asked → share of its frames that is missing by their sequence.
+        """SYSID:COMPID of each vehicle with requests → share of its frames that is missing by their sequence.
 
         Of nobody else: of cameras, ground stations and other vehicles an autopilot or a router passes on a part.
         """
@@ -183,7 +183,7 @@ class Session:
 
     @property
     def rates(self) -> StreamManager | None:
-        """Of the first vehicle that is asked."""
+        """Of the first vehicle with requests."""
         return next((vehicle.rates for vehicle in self.requested.values()), None)
 
     def report(self) -> Report:
@@ -218,7 +218,7 @@ class Session:
 
         What is not confirmed is said, and kept for the next run where the session remembers.
         """
-        self._leaving = True  # nothing is asked any more
+        self._leaving = True  # nothing is requested any more
         if self.link.listen_only:
             return True
         restorations = [one.rates.restore() for one in (*self.requested.values(), *self._left) if one.rates]

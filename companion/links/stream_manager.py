@@ -77,8 +77,8 @@ class StreamManager:
         self._next = 0.0
         self._reboots = Reboots()
         self.started: float | None = None  # s, when it has last rebooted
-        self._received: float | None = None  # s, when the vehicle was heard last
-        self._streamed: float | None = None  # s, when something that we asked for came last
+        self._received: float | None = None  # s, when the vehicle was received last
+        self._streamed: float | None = None  # s, when something that we requested came last
         self._restarts = 0
         self._gathered = Gathered()
         self._earlier = earlier or OriginalRatesFile()
@@ -298,7 +298,7 @@ class StreamManager:
             return
         if not absent:
             self.reported.append(f"{message.name}: {arrives}; asking again")
-        again = RequestState.ASKING if message.ours else RequestState.FINDING  # who asked for what we found has left
+        again = RequestState.ASKING if message.ours else RequestState.FINDING  # who requested what we found has left
         message.move(again, now + (_BACK_OFF_S * 2 ** (message.retries - 1) if message.retries else 0.0))
         message.retries += 1
 

@@ -29,18 +29,18 @@ WITHOUT = {"LOCAL_POSITION_NED": "the autopilot's estimate has no position yet (
 
 @dataclass(slots=True)
 class StreamRequest:
-    """One message and how often it is wanted."""
+    """One message and its desired rate."""
 
     name: str
     message_id: int
     desired_hz: float
-    requested_hz: float  # lower than wanted when the vehicle denied that
+    requested_hz: float  # lower than desired when the vehicle denied that
     received_hz: float = 0.0  # over the last 5 s
-    found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
-    found_hz: float = 0.0  # what arrived before we asked, where the vehicle said no interval
-    ours: bool = False  # an interval of ours has been asked for, and perhaps taken
+    found_us: int | None = None  # the interval before our request, as MESSAGE_INTERVAL reports it; None: not known
+    found_hz: float = 0.0  # what arrived before our request, where the vehicle reported no interval
+    ours: bool = False  # an interval of ours has been requested, and perhaps taken
     state: RequestState = RequestState.FINDING
-    by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
+    by_stream: bool = False  # requested with REQUEST_DATA_STREAM
     optional: bool = False  # many vehicles have no source for it
     attempts: int = 0  # of the present request
     retries: int = 0  # after it was turned down

@@ -41,7 +41,7 @@ class UdpPort:
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._fixed = where if address.kind == "udpout" else None
-        self._peers: dict[Any, float] = {}  # address → when it was heard last
+        self._peers: dict[Any, float] = {}  # address → when it was received last
         self._received = False  # whether anybody ever was
         self._spoke: float | None = None  # s of `time.monotonic()`, when it has first sent something
         self._room = memoryview(bytearray(_READ))
@@ -298,7 +298,7 @@ class SerialPort:
             return False
         try:
             self._serial.write(data)
-        except self._library.SerialTimeoutException:  # the line is full; what we ask will be asked again
+        except self._library.SerialTimeoutException:  # the line is full; a request is sent again
             return False
         except OSError:
             self._lose()

@@ -59,7 +59,7 @@ class Facts:
 
     def __init__(self, target: Target, parameters: Sequence[str]) -> None:
         self._target = target
-        self._parameters = dict.fromkeys(parameters, 0)  # not yet known → times asked
+        self._parameters = dict.fromkeys(parameters, 0)  # not yet known → times requested
         self._version_requests = 0
         self._next = 0.0
 
@@ -91,7 +91,7 @@ _ANSWER_S = 0.2  # within which an answer is due
 _ENOUGH = 10
 _KEPT = 20
 _STEP_S = 0.5  # between two answers: the clock has been set, or the vehicle has rebooted
-_RATE_AFTER_S = 60.0  # before a clock's rate can be told from the jitter of the link
+_RATE_AFTER_S = 60.0  # before a clock's rate stands out from the jitter of the link
 
 
 @dataclass(frozen=True, slots=True)

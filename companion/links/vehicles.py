@@ -1,4 +1,4 @@
-"""Who is on a link: the autopilots that are heard, by their heartbeats, those that send an IMU, and one that is asked.
+"""Who is on a link: the autopilots by their heartbeats, those that send an IMU, and one that is requested to.
 
 Anybody can make up heartbeats, so that both lists are bounded. Who sends an IMU has a place whoever has spoken before.
 """
@@ -19,23 +19,23 @@ from companion.model import IMU_MESSAGES
 _NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
 MOST_VEHICLES = 64
-"""That are told apart: a sender that makes up a new one with every heartbeat must not fill the memory."""
+"""That are distinguished: a sender that makes up a new one with every heartbeat must not fill the memory."""
 
 
 class Vehicles:
-    """Every autopilot heard → its MAV_AUTOPILOT without prefix, in the order of their first heartbeats.
+    """Every autopilot received → its MAV_AUTOPILOT without prefix, in the order of their first heartbeats.
 
     names: of MAV_AUTOPILOT. chosen: whether the user has named a vehicle, which then has a place in any crowd.
     """
 
     def __init__(self, names: Mapping[int, str], chosen: Callable[[Target], bool]) -> None:
         self.known: dict[Target, str] = {}
-        self.limited = False  # whether more are heard than are known
+        self.limited = False  # whether more are received than are known
         self._names, self._chosen = names, chosen
         self._imu_senders: dict[Target, None] = {}
 
     def receive(self, messages: Mapping[str, Messages]) -> list[Target]:
-        """Take what has arrived: the vehicles that are heard for the first time."""
+        """Take what has arrived: the vehicles that are received for the first time."""
         for name in IMU_MESSAGES:
             if name in messages and len(self._imu_senders) < MOST_VEHICLES:
                 self._imu_senders |= dict.fromkeys(Target(*ids) for ids in messages[name].senders())

@@ -43,7 +43,7 @@ class Records:
 
     layout: RecordLayout
     offset: Index  # (N,) position of the record in the file: the order across types
-    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; its time alone if this type was not asked for
+    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; its time alone if this type was not requested
     given: npt.NDArray[np.float64] | None = None  # (N,) s, the times of records that carry none
 
     @property
@@ -118,8 +118,8 @@ def read_dataflash(
 ) -> DataflashLog:
     """Read an on-board log, as far as it can be read.
 
-    `names`: the types whose fields are wanted (None: all); of the others only the times are kept. If a log declares a
-    type twice, the first declaration holds. `progress` is told the bytes of each part that was looked through.
+    `names`: the types whose fields are requested (None: all); of the others only the times are kept. If a log declares
+    a type twice, the first declaration holds. `progress` gets the bytes of each part that was looked through.
 
     Raises InputError if the file cannot be opened or has no such records in it.
     """
@@ -165,7 +165,7 @@ def read_dataflash(
 
 
 def _times(layout: RecordLayout) -> np.dtype[np.void]:
-    """Of a type that is not wanted: its time, which all but a few have as their first field."""
+    """Of a type that is not requested: its time, which all but a few have as their first field."""
     timed = layout.clock and layout.fields[0] == layout.clock
     return np.dtype([(layout.clock, layout.dtype[layout.clock])] if timed else [])
 

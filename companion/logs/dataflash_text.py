@@ -151,7 +151,7 @@ def _split(row: bytes, count: int) -> list[bytes]:
 def _records(
     layout: RecordLayout, lines: list[bytes], offsets: npt.NDArray[np.int64], *, needed: bool
 ) -> tuple[Records, int]:
-    """The lines of one type as rows, and the bytes of those left out. Without `wanted`: their times alone."""
+    """The lines of one type as rows, and the bytes of those left out. Without `requested`: their times alone."""
     count = len(layout.fields)
     parts = [_split(line, count) for line in lines]
     whole = [len(row) == count for row in parts]

@@ -97,11 +97,11 @@ class Contents:
                 yield chunk
 
     def read(self, progress: Callable[[int], None] | None = None) -> bytes:
-        """All of it at once; `progress` is told the bytes of the file that each chunk took."""
+        """All of it at once; `progress` gets the bytes of the file that each chunk took."""
         return b"".join(self.watched(progress))
 
     def watched(self, progress: Callable[[int], None] | None) -> Iterator[bytes]:
-        """The chunks, while somebody is told how far they have come in the file."""
+        """The chunks; `progress` gets the bytes of the file that each took."""
         position = 0
         for chunk in self.chunks():
             yield chunk

@@ -109,8 +109,8 @@ def read_tlog(
 ) -> Log:
     """Read a telemetry log, as far as it can be read.
 
-    `names`: the message types whose fields are wanted (None: all); of the others only the header columns are kept.
-    `progress` is told the bytes of the file that each chunk took.
+    `names`: the message types whose fields are requested (None: all); of the others only the header columns are kept.
+    `progress` gets the bytes of the file that each chunk took.
     A damaged log is never an error: see `Log.bad_crc_frames` and `Log.skipped_bytes`.
 
     Raises InputError if the file cannot be opened or has no MAVLink frame in it, SettingsError for an unknown dialect.

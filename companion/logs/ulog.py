@@ -52,7 +52,7 @@ def read_ulog(
 ) -> Ulog:
     """Read an on-board log of PX4, as far as it can be read.
 
-    `names`: the topics whose fields are wanted (None: all); of the others only the times are kept. `progress` is told
+    `names`: the topics whose fields are requested (None: all); of the others only the times are kept. `progress` gets
     the bytes of each part that was looked through.
 
     Raises InputError if the file cannot be opened, has no data in it, or is of a kind that PX4 marks as incompatible.

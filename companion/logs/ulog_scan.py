@@ -69,7 +69,7 @@ class Scan:
         self._replaced = False  # a number has become one of another topic
 
     def read(self, begin: int, limit: int, done: Callable[[int, int], None]) -> None:
-        """Take what stands in [begin, limit), all of which was written at once. done: is told what has been read."""
+        """Take what stands in [begin, limit), all of which was written at once. done: gets what has been read."""
         settled, size = begin, _FIRST_BYTES
         while begin < limit:
             end = min(begin + size, limit)

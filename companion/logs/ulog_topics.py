@@ -29,7 +29,7 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
     name: str
     instance: int
-    rows: npt.NDArray[np.void]  # (N,) structured as declared; the time alone if this topic was not asked for
+    rows: npt.NDArray[np.void]  # (N,) structured as declared; the time alone if this topic was not requested
     declared: np.dtype[Any]  # the whole structure
 
     @property
@@ -39,7 +39,7 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
     @property
     def fields_read(self) -> bool:
-        """Whether the topic was asked for."""
+        """Whether the topic was requested."""
         return self.rows.dtype == self.declared
 
     def __getitem__(self, field: str) -> npt.NDArray[Any]:
@@ -108,7 +108,7 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
 
 class _Collected:
-    """The messages of one topic so far. wanted: their rows; else their times alone, where they have such.
+    """The messages of one topic so far. requested: their rows; else their times alone, where they have such.
 
     Room is made for as many as there will be if the file goes on as it began; memory that is never written is never
     used.
@@ -146,7 +146,7 @@ class Collector:
     """
 
     def __init__(self, names: Collection[str] | None) -> None:
-        """names: the topics whose fields are wanted (None: all)."""
+        """names: the topics whose fields are requested (None: all)."""
         self.formats = Formats()
         self.shortest = np.full(_NUMBERS, _NUMBERS - 1, np.uint16)
         self.longest = np.zeros(_NUMBERS, np.uint16)

@@ -142,7 +142,7 @@ class LiveFeed:
             self._messages.append(f"{time.strftime('%H:%M:%S')} {sentence}")
             self._news.append(sentence)
         receipts = self._attachment.fetch()
-        self._watch.hear(receipts)
+        self._watch.receive(receipts)
         self._verdict.receive(receipts)
         sighting = self._watch.look()
         if sighting is None:

@@ -1,7 +1,7 @@
 """The seconds around an incident as text: Markdown for a forum post or an issue, and the lines that the page shares.
 
-Texts of vehicles and names of files are untrusted. No place on Earth is told: times are relative to the moment, heights
-and distances to where the vehicle was then.
+Texts of vehicles and names of files are untrusted. No place on Earth is shown: times are relative to the moment,
+heights and distances to where the vehicle was then.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MOMENTS = {
     "cause": "The first fault",
     "lane_switch": "Lane switch",
 }
-_PLACE = re.compile(r"-?\d{1,3}\.\d{4,}")  # four decimals of a degree are 11 m: nothing else is told so finely
+_PLACE = re.compile(r"-?\d{1,3}\.\d{4,}")  # four decimals of a degree are 11 m: nothing else is written so finely
 _LEAST = 0.01
 _MOST_ROWS = 40
 

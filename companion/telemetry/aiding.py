@@ -43,7 +43,7 @@ _POSITION = 0b11000  # horizontal position, relative or absolute
 
 
 def has_position(t: Array, reported: Array, flags: Array) -> BoolArray:
-    """(N,) whether the horizontal position is valid at times t (N,) s, by flags (M,) at times told (M,).
+    """(N,) whether the horizontal position is valid at times t (N,) s, by flags (M,) reported at times (M,).
 
     The flags hold until the next; the first also before. Flags that are not known say nothing.
     """
@@ -239,6 +239,6 @@ def _flow_track(one: Series, notes: list[str]) -> FlowTrack | None:
 
 
 def _usual(values: Array) -> float | None:
-    """The value that most of (N,) have; None where none is told."""
+    """The value that most of (N,) have; None where none is reported."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None

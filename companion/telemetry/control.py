@@ -1,4 +1,4 @@
-"""What the controller wanted, and what it asked of the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like.
+"""The controller's setpoints, and its outputs to the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like.
 
 Also here: what a simulator knows of itself: the truth of a flight, for tests and benchmarks.
 """
@@ -57,7 +57,7 @@ def truth_track(
 ) -> TruthTrack | None:
     """A simulator's own poses at boot times t (N,) s, in any order; None without any.
 
-    velocity: (N, 3) NED, m/s; place: (N, 3) latitude and longitude in rad, height in m; NaN where it is not told. They
+    velocity: (N, 3) NED, m/s; place: (N, 3) latitude and longitude in rad, height in m; NaN where it is not sent. They
     become NED about the zero of `track`, the autopilot's position, which `origin` places on Earth.
     """
     keep, when, attitude = attitudes(t, q)
@@ -81,7 +81,7 @@ _PORTS = (0, 1)  # SERVO_OUTPUT_RAW.port: outputs 1 to 16, and 17 to 32
 _SERVOS = 16
 _PULSES_US = (1000.0, 2000.0)  # where SERVOn_MIN and SERVOn_MAX are not in the log
 _NO_PULSE = (0, 65535)
-_TOGETHER_S, _STALE_S = 0.01, 1.0  # banks of outputs that are told one after the other; and how long each holds
+_TOGETHER_S, _STALE_S = 0.01, 1.0  # banks of outputs that are sent one after the other; and how long each holds
 _MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 164)})  # SRV_Channel::Function, k_motor1 ...
 
 

@@ -89,9 +89,9 @@ def lane_changes(t: Array, primary: Index, words: str) -> Iterator[EstimatorRese
 
 
 def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:
-    """Parameters whose value is another than the one told before, without what ArduPilot only counts (STAT_RUNTIME).
+    """Parameters whose value differs from the one reported before, without what ArduPilot only counts (STAT_RUNTIME).
 
-    names, t and values: (N,) of what was told, at boot times in s. A vehicle acknowledges a new value by sending it,
+    names, t and values: (N,) as reported, at boot times in s. A vehicle acknowledges a new value by sending it,
     and logs it; a value that it only repeats is no change.
     """
     known: dict[bytes, float] = {}

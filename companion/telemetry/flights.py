@@ -49,11 +49,11 @@ from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
 
-_ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
+_ECHO_S = 2.0  # two identical frames within this time are one packet received twice
 
 
 def arrivals(messages: Mapping[str, Messages], timed: Mapping[str, Messages]) -> Mapping[str, MessageStats]:
-    """The statistics of a flight's messages by name, each made when it is asked for; timed: with boot times.
+    """The statistics of a flight's messages by name, each made when it is read; timed: with boot times.
 
     By device time where the message carries it, else by the log's stamps. No message is kept for it, only its times.
     """
@@ -95,7 +95,7 @@ def _copies(messages: Messages, own: Array) -> int:
 
 
 def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> int:
-    """How many frames without a device time are one that was heard just before: the same CRC, which covers `seq`."""
+    """How many frames without a device time are one that was received just before: the same CRC, which covers `seq`."""
     frame = crc.astype(np.uint32) << 8 | seq
     order = np.argsort(frame, kind="stable")  # in file order among equals
     same = np.flatnonzero(np.diff(frame[order]) == 0)

@@ -1,4 +1,4 @@
-"""Values that are made when they are first asked for: of most of a flight, most never are."""
+"""Values that are made when they are first read: of most of a flight, most never are."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def raw_series(
 
 
 def series_of(several: Iterable[RawSeries | None]) -> Mapping[str, Series]:
-    """The series of a flight by key, in the order found, each made when it is asked for."""
+    """The series of a flight by key, in the order found, each made when it is read."""
     makers: dict[str, Callable[[], Series]] = {}
     for one in several:
         if one is not None:

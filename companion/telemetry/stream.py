@@ -45,7 +45,7 @@ class NewestTracks:
 
 
 def sources(flight: Flight, imu: str) -> tuple[str, ...]:
-    """The messages that its reckoning and what that is compared with come from."""
+    """The messages that the dead reckoning and its reference come from."""
     attitude = (flight.attitude.source,) if flight.attitude is not None else ()
     return (imu, *attitude, *((flight.position.source,) if flight.position is not None else ()))
 

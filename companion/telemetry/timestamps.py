@@ -109,7 +109,7 @@ def _apart(t: Array, elsewhere: BoolArray, disorder_s: float) -> BoolArray:
         index = np.unique(np.clip(falls[:, None] + reach, 0, len(rest) - 1))
         around = np.clip(index[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, len(rest) - 1)
         off = np.abs(rest[index] - np.sort(rest[around], axis=1)[:, _NEIGHBOURS])
-        if not (off > disorder_s).any():  # as of reboots alone: the median of all steps is not asked for
+        if not (off > disorder_s).any():  # as of reboots alone: the median of all steps is not needed
             break
         away = off > max(disorder_s, _PERIODS * float(np.median(np.abs(np.diff(rest)))))
         if not away.any():

@@ -1,4 +1,4 @@
-"""Live is the batch in small pieces: a link heard in a thread of its own, and both poses of what it carries, now."""
+"""Live is the batch in small pieces: a link received in a thread of its own, and both poses of what it carries, now."""
 
 from companion.app.live.attachment import Attachment
 from companion.app.live.judge import HORIZON_S, Judge, Judging, NothingYetError

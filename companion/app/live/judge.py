@@ -48,11 +48,11 @@ class NothingYetError(DataError):
 
 
 class Judge:
-    """Of one vehicle: give `hear` what arrives, then `judge` as often as can be afforded.
+    """Of one vehicle: give `receive` what arrives, then `judge` as often as can be afforded.
 
     verdict_on: judges a flight as a log; may raise DataError. imu: its message; the default where it does not come.
-    vehicle: SYSID or SYSID:COMPID; None: the first with an IMU that is heard, as long as it is. Memory does not grow:
-    only the last seconds and the alarms are kept. stream: what has arrived, where several judges share it.
+    vehicle: SYSID or SYSID:COMPID; None: the first with an IMU that is received, as long as it is. Memory does not
+    grow: only the last seconds and the alarms are kept. stream: what has arrived, where several judges share it.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Judge:
         self._aloft_s = -math.inf  # s, boot clock, when it was last known to be in the air
         self._tells = False  # whether the vehicle says itself when it takes off and lands
 
-    def hear(self, data: bytes, received: float) -> None:
+    def receive(self, data: bytes, received: float) -> None:
         """Take bytes that arrived at `received` s UNIX."""
         self._stream.push(data, received)
         self.newest = received
@@ -112,7 +112,7 @@ class Judge:
         self.last = replace(verdict, was_consistent=last.was_consistent or status == "consistent")
         return self.last
 
-    def stirred(self) -> bool:
+    def is_urgent(self) -> bool:
         """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
         flight = self._gone_on() or self._flight(_LOOK_S)
         if flight is None:

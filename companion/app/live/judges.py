@@ -44,7 +44,7 @@ class Pace:
             if self._called >= _CALLED_S or now < self._look or judge.newest == self._looked:
                 return None
             self._look, self._looked = now + _LOOK_S, judge.newest
-            if not judge.stirred():
+            if not judge.is_urgent():
                 return None
         else:
             self._called = 0.0
@@ -70,10 +70,10 @@ _MOST_JUDGED = 8  # vehicles: each costs the processor as much as one alone
 
 
 class Judges:
-    """Give `hear` what arrives, and `step` the time as often as you like.
+    """Give `receive` what arrives, and `step` the time as often as you like.
 
     judging: makes what judges a flight, one for each vehicle. vehicle: SYSID or SYSID:COMPID; None: the first that
-    sends an IMU, as long as it is heard; "all": each of the first eight. imu: as for `Judge`.
+    sends an IMU, as long as it is received; "all": each of the first eight. imu: as for `Judge`.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Judges:
         self._newest = 0.0
         self._paces = [self._pace(None if self._all else vehicle)]
 
-    def hear(self, data: bytes, received: float) -> None:
+    def receive(self, data: bytes, received: float) -> None:
         """Take bytes that arrived at `received` s UNIX."""
         self._stream.push(data, received)
         self._newest = received
@@ -124,7 +124,7 @@ class Judges:
         return Pace(judge)
 
     def _meet(self, judge: Judge) -> None:
-        """Judge the others too that it has met, where all are asked for."""
+        """Judge the others too that it has met, where all are requested."""
         if not self._all:
             return
         judge.vehicle = judge.last.vehicle or judge.vehicle

@@ -42,7 +42,7 @@ class LiveReplay:
 
     vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. how: how to integrate, or a function that
     says so for a flight. The other options are those of `replay`; all but the stream may be changed at any time.
-    The reckoning starts again from the autopilot every `reanchor_s`, at the times at which that of the whole flight
+    Dead reckoning starts again from the autopilot every `reanchor_s`, at the times at which that of the whole flight
     would, give or take a sample; after a reboot at the first state that is known.
     """
 

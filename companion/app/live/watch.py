@@ -19,7 +19,7 @@ _KEPT_S = 12.0  # of messages, beside the longest window or two re-anchor period
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class LiveState:
     """A vehicle now."""
 
     present: Present
@@ -27,7 +27,7 @@ class Sighting:
 
 
 class Watch:
-    """Give `hear` what arrives, then `look`: both poses, the free run, and the drift since the session began.
+    """Give `receive` what arrives, then `look`: both poses, the free run, and the drift since the session began.
 
     how: how to integrate a flight. imu, vehicle: as in `LiveReplay`. most_reanchor_s: the longest period that will be
     chosen later: so much is kept.
@@ -64,7 +64,7 @@ class Watch:
 
     @property
     def reanchor_s(self) -> float:
-        """The reckoning starts again from the autopilot so often."""
+        """s between two restarts of the dead reckoning from the autopilot's state."""
         return self._replay.reanchor_s
 
     @reanchor_s.setter
@@ -73,16 +73,16 @@ class Watch:
 
     @property
     def vehicles(self) -> tuple[str, ...]:
-        """Those that were heard in the last seconds and have an IMU, as SYSID:COMPID."""
+        """Those that were received in the last seconds and have an IMU, as SYSID:COMPID."""
         return self._replay.vehicles
 
     @property
     def drift(self) -> tuple[DriftRow, ...]:
-        """The drift of this boot since it was first heard."""
+        """The drift of this boot since it was first received."""
         return self._drifts[self._shown].rows if self._shown in self._drifts else ()
 
     def choose(self, imu: str | None, how: Callable[[Flight], Integration]) -> None:
-        """Reckon from another IMU (None: the flight's default), or otherwise: all that has been said begins anew."""
+        """Dead-reckon from another IMU (None: the flight's default), or otherwise: all results begin anew."""
         self._replay.imu, self._replay.how, self._how = imu, how, how
         self._drifts.clear()
         self._shown = None
@@ -92,16 +92,16 @@ class Watch:
         self._replay.vehicle = vehicle
 
     def anchor_now(self) -> None:
-        """Begin both reckonings again from the autopilot's present state."""
+        """Restart both dead reckonings from the autopilot's present state."""
         self._replay.anchor_now()
         self._free.anchor_now()
 
-    def hear(self, receipts: Sequence[tuple[Frames, float]]) -> None:
+    def receive(self, receipts: Sequence[tuple[Frames, float]]) -> None:
         """Take what has arrived, with when: s UNIX."""
         if receipts:
             self._stream.add(together(receipts))
 
-    def look(self) -> Sighting | None:
+    def look(self) -> LiveState | None:
         """Both poses now; None, with the reason in `why_not`."""
         present = self._replay.look()
         if present is None:
@@ -119,7 +119,7 @@ class Watch:
         if time.monotonic() >= self._drift_due:
             self._drift_due = time.monotonic() + _DRIFT_S
             self.judge()
-        return Sighting(present, free)
+        return LiveState(present, free)
 
     def judge(self, *, settled: bool = False) -> None:
         """Judge the windows that have become complete. settled: nothing more will come."""

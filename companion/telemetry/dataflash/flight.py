@@ -4,7 +4,7 @@ Attitude and position are those of the primary EKF core (XKQ and XKF1, or NKQ an
 of the IMU: AHRS_TRIM plays no part. Where a log has none, ATT is taken, which is what ATTITUDE would have said.
 Sources: ArduPilot `libraries/AP_Logger/LogStructure.h`, `AP_NavEKF3/LogStructure.h`, `AP_NavEKF3_Logging.cpp`.
 
-Also here: what a simulator knows, what the controller wanted, and what it asked of the motors.
+Also here: a simulator's truth, the controller's setpoints, and its outputs to the motors.
 
 Sources: ArduPilot `SITL/SITL.cpp` (SIM, SIM2), `AP_AHRS/LogStructure.h` (ATT), `AP_Logger/LogStructure.h` (RCOU, RCO2,
 RCO3).

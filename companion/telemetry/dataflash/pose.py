@@ -81,7 +81,7 @@ def with_rates(
     A single sample that turns away and back, which these rates contradict, is left out and noted.
 
     The log has none without bias, so they are the mean of the IMU around each time, and where there is no IMU those of
-    the attitude itself. bias: None where it is not told.
+    the attitude itself. bias: None where it is not logged.
     """
     t, q, source = sampled
     instance = bias.imu_instance if bias is not None else None

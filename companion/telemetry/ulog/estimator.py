@@ -134,7 +134,7 @@ def filter_interval(version: Version) -> float:
 
 
 def _sigma(variance: Array) -> Array:
-    """1σ; NaN where no variance is told."""
+    """1σ; NaN where no variance is logged."""
     return np.sqrt(np.where(variance > 0.0, variance, np.nan))
 
 

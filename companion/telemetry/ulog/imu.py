@@ -110,7 +110,7 @@ def _track(
 
 
 def _device(topic: Topic, field: str) -> int:
-    """The device that most rows are of; 0 where none is told."""
+    """The device that most rows are of; 0 where none is logged."""
     devices = topic.ids(field)
     return commonest(devices[devices != 0])
 

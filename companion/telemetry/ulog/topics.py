@@ -102,7 +102,7 @@ def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
 
 
 def sampled(topic: Topic) -> Array:
-    """When it was measured; where that is not told (before PX4 1.11 often, or zero), when it was published."""
+    """When it was measured; where that is not logged (before PX4 1.11 often, or zero), when it was published."""
     t = topic.seconds()
     if _SAMPLED not in topic:
         return t

@@ -176,7 +176,7 @@ def series(
 def legend_style(dashes: Sequence[Dash | None]) -> str:
     """A mark, to stand just above a chart, whose legend then shows dashes as the lines have them."""
     name = f"companion-chart-{next(_charts)}"
-    rules = "".join(  # uPlot can give all markers one border: the rows are told apart by their number, the first is x
+    rules = "".join(  # uPlot can give all markers one border: the rows are identified by their number, the first is x
         f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
         for i, dash in enumerate(dashes, start=2)
         if dash in _BORDERS and dash is not None

@@ -178,7 +178,7 @@ def horizon_table(sample: Sample, display: DisplayTrajectory) -> str:
 def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position: bool, of_log: bool = True) -> str:
     """What the vehicle did at the instant, as far as is known: mode, place, speed, attitude, battery, the time.
 
-    of_log: whether the flight is a log, of which it is told how far it is; else the last seconds of a link.
+    of_log: whether the flight is a log, whose progress is shown; else the last seconds of a link.
     """
     mode = next((one.label for one in reversed(lasting.modes) if one.start_s <= sample.t <= one.end_s), "")
     armed = any(one.start_s <= sample.t <= one.end_s for one in lasting.armed)

@@ -65,7 +65,7 @@ class Worker:
         return time.monotonic() - self._since if busy else 0.0
 
     def request(self, work: Callable[[], Result], then: Callable[[Result | CompanionError], object]) -> None:
-        """Order a piece of work; whatever was ordered before and is not done is no longer wanted.
+        """Order a piece of work; whatever was ordered before and is not done is cancelled.
 
         then: called by `poll` with the result, or with the error that says why there is none.
         """
@@ -73,7 +73,7 @@ class Worker:
         self._start_next()
 
     def forget(self) -> None:
-        """What was ordered and is not done is no longer wanted."""
+        """What was ordered and is not done is cancelled."""
         self._waiting, self._current = None, False
 
     def poll(self) -> None:

@@ -54,7 +54,7 @@ def test_a_vehicles_clock_that_is_set_is_no_reboot_and_no_motion(step_ms: int) -
         vehicle = Sitting(peer)
 
         def now() -> float:
-            watching.hear(attachment.fetch())
+            watching.receive(attachment.fetch())
             seen = watching.look()
             assert seen is None or seen.free is None or abs(seen.free.position_error).max() < 0.5
             return seen.present.replay.t[-1] if seen else 0.0
@@ -75,7 +75,7 @@ def test_our_own_clock_may_be_set_back_and_forth(monkeypatch: pytest.MonkeyPatch
             sooner = vehicle.t
 
             def caught_up(vehicle: SimulatedVehicle = vehicle, sooner: float = sooner) -> bool:
-                watching.hear(heard.fetch())
+                watching.receive(heard.fetch())
                 seen = watching.look()
                 return seen is not None and seen.present.replay.t[-1] > sooner + 0.5 and vehicle.t > sooner
 

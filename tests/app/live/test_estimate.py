@@ -39,7 +39,7 @@ def test_the_estimate_over_the_live_window_is_that_of_a_log_of_the_same_data(tmp
     pieces = np.split(np.flatnonzero(seen), np.arange(7, int(seen.sum()), 7))  # some frames at a time, as from a link
     for piece in pieces:
         packets = b"".join(frames.data[frames.start[i] : frames.start[i] + frames.size[i]].tobytes() for i in piece)
-        judge.hear(packets, float(stamp[piece[-1]]) * 1e-6)
+        judge.receive(packets, float(stamp[piece[-1]]) * 1e-6)
     judge.judge()
     (live,) = judged
 

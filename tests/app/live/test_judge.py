@@ -43,7 +43,7 @@ def live_verdicts(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) ->
     judge = Judge(said, dialect=DEFAULT_DIALECT)
     for i in range(1, int(seconds / every_s) + 1):
         for t, packets in bursts(vehicle, i * every_s):
-            judge.hear(packets, EPOCH + t)
+            judge.receive(packets, EPOCH + t)
         yield judge.judge()
 
 
@@ -92,15 +92,15 @@ def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> N
 
 
 @pytest.mark.parametrize(
-    ("fault", "stirred"), [(Faults(), False), (Faults(ekf_reset=(30.0, 10.0)), True)], ids=["healthy", "a reset"]
+    ("fault", "is_urgent"), [(Faults(), False), (Faults(ekf_reset=(30.0, 10.0)), True)], ids=["healthy", "a reset"]
 )
-def test_what_has_just_begun_is_noticed(fault: Faults, stirred: bool) -> None:
+def test_what_has_just_begun_is_noticed(fault: Faults, is_urgent: bool) -> None:
     vehicle = SimulatedVehicle(fly(40.0, faults=fault), streams=STREAMS)
     judge = Judge(Said(), dialect=DEFAULT_DIALECT)
-    assert not judge.stirred(), "nothing has come"
+    assert not judge.is_urgent(), "nothing has come"
     for t, packets in bursts(vehicle, 31.5):
-        judge.hear(packets, EPOCH + t)
-    assert judge.stirred() is stirred
+        judge.receive(packets, EPOCH + t)
+    assert judge.is_urgent() is is_urgent
 
 
 @pytest.mark.parametrize("imu", ["RAW_IMU", "SCALED_IMU2"])
@@ -115,16 +115,16 @@ def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, mon
 
     monkeypatch.setattr("companion.app.live.judge.newest_stands_out", looked)
     for t, packets in bursts(vehicle, 45.0):
-        after.hear(packets, EPOCH + t)
-        anew.hear(packets, EPOCH + t)
+        after.receive(packets, EPOCH + t)
+        anew.receive(packets, EPOCH + t)
     after.judge()
     for t, packets in bursts(vehicle, 48.0):
-        after.hear(packets, EPOCH + t)
-        anew.hear(packets, EPOCH + t)
+        after.receive(packets, EPOCH + t)
+        anew.receive(packets, EPOCH + t)
     with monkeypatch.context() as no_whole_flight:
         no_whole_flight.delattr(Stream, "recent")
-        after.stirred()
-    anew.stirred()
+        after.is_urgent()
+    anew.is_urgent()
     one, other = seen
     assert one.track.source == other.track.source == imu
     assert one.track.t[-1] == other.track.t[-1] > 47.5
@@ -144,10 +144,10 @@ def test_it_is_noticed_in_the_imu_that_was_chosen() -> None:
     second = Judge(Said(), dialect=DEFAULT_DIALECT, imu="SCALED_IMU2")
     for t, packets in bursts(vehicle, 31.5):
         for judge in (first, second):
-            judge.hear(packets, EPOCH + t)
-    assert (first.stirred(), second.stirred()) == (True, False)
+            judge.receive(packets, EPOCH + t)
+    assert (first.is_urgent(), second.is_urgent()) == (True, False)
     second.imu = None  # the flight's default, which is the first
-    assert second.stirred()
+    assert second.is_urgent()
 
 
 def test_what_cannot_be_judged_is_said() -> None:
@@ -158,7 +158,7 @@ def test_what_cannot_be_judged_is_said() -> None:
     assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages received")
     vehicle = SimulatedVehicle(fly(20.0, motion="rest"), streams=STREAMS)
     for t, packets in bursts(vehicle, 15.0):
-        judge.hear(packets, EPOCH + t)
+        judge.receive(packets, EPOCH + t)
     assert (judge.judge().status, judge.judge().text) == ("insufficient_data", "too short")
     assert judge.judge().so_far == ("", "nothing is known yet")
 
@@ -169,7 +169,7 @@ def test_a_vehicle_that_was_chosen_is_judged_alone() -> None:
     for sysid in (1, 2):
         for t, packets in bursts(SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid), 8.0):
             for judge in judges.values():
-                judge.hear(packets, EPOCH + t)
+                judge.receive(packets, EPOCH + t)
     assert judges["2"].judge().vehicle == "2:1"
     assert judges["1:1"].judge().vehicle == "1:1"
     assert judges["3"].judge().status == ""
@@ -189,7 +189,7 @@ def test_a_vehicle_is_judged_as_long_as_it_is_heard_and_a_change_is_said() -> No
     judge, said = Judge(Said(*[GOOD] * 40), dialect=DEFAULT_DIALECT), list[LiveVerdict]()
     due = 8.0
     for t, packets in two_vehicles({1: 20.0, 2: 100.0}):
-        judge.hear(packets, EPOCH + t)
+        judge.receive(packets, EPOCH + t)
         if t >= due:
             due += 8.0
             said.append(judge.judge())
@@ -211,7 +211,7 @@ def test_every_vehicle_of_a_link_is_judged_by_itself() -> None:
 
     judges, said = Judges(judging, dialect=DEFAULT_DIALECT, vehicle="all"), list[LiveVerdict]()
     for t, packets in two_vehicles({1: 30.0, 2: 30.0}):
-        judges.hear(packets, EPOCH + t)
+        judges.receive(packets, EPOCH + t)
         one = judges.step(t)
         said += [] if one is None else [one]
     assert {one.vehicle for one in said[-2:]} == {"1:1", "2:1"}
@@ -224,7 +224,7 @@ def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
     judge = Judge(Said(*[GOOD] * 4), dialect=DEFAULT_DIALECT)
     vehicle = SimulatedVehicle(fly(40.0), streams=STREAMS)
     for t, packets in bursts(vehicle, 20.0):
-        judge.hear(packets, EPOCH + t)
+        judge.receive(packets, EPOCH + t)
     before = judge.judge()
     judge.newest = EPOCH + 30.0  # others speak
     assert judge.judge() == before

@@ -19,7 +19,7 @@ class Judged:
         self.looks, self.judged = list[float](), list[float]()
         self.last = LiveVerdict("", "", 0.0)
 
-    def stirred(self) -> bool:
+    def is_urgent(self) -> bool:
         self.looks.append(self.newest)
         return self.news
 

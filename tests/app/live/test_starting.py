@@ -25,7 +25,7 @@ def test_an_estimator_that_aligns_on_the_pad_is_not_judged() -> None:
         frames = decoder.push(data[begin : begin + 40_000])
         packets = [frames.data[i : i + n].tobytes() for i, n in zip(frames.start, frames.size, strict=True)]
         for i in range(0, len(packets), 20):  # some at a time, as a link hands them over
-            judge.hear(b"".join(packets[i : i + 20]), float(frames.stamp[i : i + 20][-1]) * 1e-6)
+            judge.receive(b"".join(packets[i : i + 20]), float(frames.stamp[i : i + 20][-1]) * 1e-6)
         said.append(judge.judge())
     assert "starting" in [live_verdict.status for live_verdict in said]
     assert {live_verdict.status for live_verdict in said} <= {"starting", "insufficient_data", "consistent", ""}

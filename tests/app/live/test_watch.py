@@ -13,7 +13,7 @@ import pytest
 import companion as c
 from companion.analysis import Integration
 from companion.app.live import Attachment, Watch
-from companion.app.live.watch import Sighting
+from companion.app.live.watch import LiveState
 from companion.links import Link, Recorder, Session
 from companion.mavlink import Decoder, load_dialect
 from companion.model import InputError
@@ -41,12 +41,12 @@ def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None
         with flying(link.port, since=20.0, faults=faults, seed=5) as vehicle, Attachment(session) as attachment:
 
             def flown() -> bool:
-                watching.hear(attachment.fetch())
+                watching.receive(attachment.fetch())
                 watching.look()
                 return vehicle.t > 28.0
 
             wait_for(flown)
-        watching.hear(attachment.fetch())
+        watching.receive(attachment.fetch())
         seen = watching.look()
         watching.judge(settled=True)
     assert seen is not None
@@ -64,13 +64,13 @@ def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None
 
 
 @contextlib.contextmanager
-def hearing(*vehicles: SimulatedVehicle) -> Iterator[tuple[Watch, Callable[[float], Sighting | None]]]:
+def hearing(*vehicles: SimulatedVehicle) -> Iterator[tuple[Watch, Callable[[float], LiveState | None]]]:
     """A watch that hears them from 20 s on, without a link or a clock, and what it sees after so many s."""
     watching, decoder = watch(), Decoder(load_dialect(), stamped=False)
 
-    def seen_at(until: float) -> Sighting | None:
+    def seen_at(until: float) -> LiveState | None:
         sent = sorted(packets for vehicle in vehicles for packets in bursts(vehicle, until))
-        watching.hear([(decoder.push(data), t) for t, data in sent])
+        watching.receive([(decoder.push(data), t) for t, data in sent])
         seen = watching.look()
         watching.judge()
         return seen
