@@ -68,7 +68,7 @@ def add_request_options(parser: argparse.ArgumentParser | argparse._ArgumentGrou
     )
 
 
-def refuse_of_links(arguments: argparse.Namespace, *more: str) -> None:
+def refuse_link_options(arguments: argparse.Namespace, *more: str) -> None:
     """Raises SettingsError where a log is given what is for a link. more: further options of the command."""
     names = ("rate", "listen-only", "signing-key-file", "wait", "output", *more)
     if given := [f"--{name}" for name in names if getattr(arguments, name.replace("-", "_"))]:

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the checks. Exit code: 0 where nothing is no-go, 1 where something is, 2 where nothing can be checked."""
     if is_link(arguments.log) and not Path(arguments.log).is_file():
         return _of_link(arguments)
-    live.refuse_of_links(arguments, "duration")
+    live.refuse_link_options(arguments, "duration")
     return _of_log(arguments)
 
 

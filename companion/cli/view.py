@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.map or arguments.map_url:
             raise SettingsError("--map is for a log: a link's page has no map.")
         return view_link.run(arguments)
-    live.refuse_of_links(arguments, "no-record")
+    live.refuse_link_options(arguments, "no-record")
     return _replay(arguments)
 
 

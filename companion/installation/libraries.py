@@ -1,11 +1,24 @@
-"""The libraries that companion needs and those of its extras: which are installed, and which are too old."""
+"""The libraries that companion needs and those of its extras: which are installed, which are too old, and the command
+that adds an extra, by the tool that installed companion: pip, pipx or uv.
+"""
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 import sys
+import sysconfig
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.metadata import Distribution, PackageNotFoundError, distribution, version
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from companion.model import InputError
 
 EXTRAS = {
     "report": "charts in a notebook",
@@ -38,8 +51,6 @@ class Library:
 
 def libraries() -> tuple[Library, ...]:
     """Those that the installed package names; none where companion runs from a checkout on PYTHONPATH alone."""
-    from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  (0.1 s, in this case alone)
-
     try:
         requires = distribution(_NAME).requires or []
     except PackageNotFoundError:
@@ -62,8 +73,6 @@ def _parsed(requires: list[str]) -> Iterator[Library]:
 
 
 def _version(name: str) -> str | None:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
-
     try:
         return version(name)
     except PackageNotFoundError:
@@ -77,3 +86,75 @@ def _within(installed: str, bound: str) -> bool:
 
 def _numbers(text: str) -> tuple[int, ...]:
     return tuple(map(int, re.match(r"[\d.]*\d", text)[0].split(".")))  # type: ignore[index]  # every version begins so
+
+
+def missing(extra: str, purpose: str) -> InputError:
+    """The error for a library of an extra that is not installed, with the command that installs it.
+
+    purpose: what needs which library, as a sentence without its full stop.
+    """
+    return InputError(f"{purpose}. Install it: {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """As it is typed in the working folder.
+
+    pipx and uv mark the environments that they make for a program; INSTALLER names the tool in any other.
+    """
+    try:
+        installed = distribution(_NAME)
+    except PackageNotFoundError:  # a checkout on PYTHONPATH
+        return f"{_pip()} install {_quoted(f'{_NAME}[{extra}]')}"
+    environment = Path(sys.prefix)
+    if (environment / "pipx_metadata.json").is_file():
+        return f"pipx inject {_quoted(environment.name)} {' '.join(map(_quoted, _libraries(installed, extra)))}"
+    if (receipt := environment / "uv-receipt.toml").is_file():
+        return f"uv tool install {_requirement(installed, {extra} | _extras_of_tool(receipt))}"
+    by_uv = (installed.read_text("INSTALLER") or "").strip() == "uv"
+    tool = f"uv pip install --python {_quoted(_shown(environment))}" if by_uv else f"{_pip()} install"
+    return f"{tool} {_requirement(installed, {extra})}"
+
+
+def _requirement(installed: Distribution, extras: set[str]) -> str:
+    """companion with extras, from where it came: the index, a checkout, a repository or an archive."""
+    names = f"[{','.join(sorted(extras))}]"
+    origin: dict[str, Any] = json.loads(installed.read_text("direct_url.json") or "{}")
+    url = str(origin.get("url", ""))
+    folder = Path(url2pathname(urlsplit(url).path))
+    if "dir_info" in origin and folder.is_dir():
+        editable = "-e " if origin["dir_info"].get("editable") else ""
+        return editable + _quoted(f"{'.' if folder == Path.cwd() else folder}{names}")
+    if (vcs := origin.get("vcs_info")) is not None:
+        revision = f"@{vcs['requested_revision']}" if "requested_revision" in vcs else ""
+        return _quoted(f"{_NAME}{names} @ {vcs['vcs']}+{url}{revision}")
+    if "archive_info" in origin and (not url.startswith("file:") or folder.is_file()):
+        return _quoted(f"{_NAME}{names} @ {url}")
+    return _quoted(_NAME + names)
+
+
+def _libraries(installed: Distribution, extra: str) -> list[str]:
+    """What an extra adds, without markers: `pipx inject` keeps what is there already."""
+    parts = [requirement.partition(";") for requirement in installed.requires or []]
+    return [library.strip() for library, _, marker in parts if f"extra == '{extra}'" in marker.replace('"', "'")]
+
+
+def _extras_of_tool(receipt: Path) -> set[str]:
+    """Those that a uv tool has: installing it again with another would take them away."""
+    requirements = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]["requirements"]
+    return {extra for one in requirements if one["name"] == _NAME for extra in one.get("extras", [])}
+
+
+def _pip() -> str:
+    """The pip of this environment."""
+    pip = Path(sysconfig.get_path("scripts"), "pip.exe" if sys.platform == "win32" else "pip")
+    return _quoted(_shown(pip)) if pip.is_file() else f"{_quoted(sys.executable)} -m pip"
+
+
+def _shown(path: Path) -> str:
+    """Relative to the working folder where it lies in it."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if sys.platform == "win32" else shlex.quote(text)
