@@ -63,10 +63,13 @@ def replacing(path: Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def write(path: Path, text: str) -> None:
-    """Write a text file. Raises as `replacing`."""
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8. Raises as `replacing`."""
     with replacing(path) as part:
-        part.write_text(text, encoding="utf-8", errors="replace")
+        if isinstance(content, bytes):
+            part.write_bytes(content)
+        else:
+            part.write_text(content, encoding="utf-8", errors="replace")
 
 
 @contextlib.contextmanager

@@ -116,8 +116,7 @@ def write_baseline(path: Path, flights: Sequence[BaselineFlight]) -> None:
     """Raises InputError where there is nothing to write, or no place."""
     if not flights:
         raise InputError("no baseline written: none of the flights could be examined.")
-    with files.replacing(path) as part:
-        part.write_bytes(msgspec.json.format(msgspec.json.encode(Baseline(tuple(flights))), indent=2) + b"\n")
+    files.write(path, msgspec.json.format(msgspec.json.encode(Baseline(tuple(flights))), indent=2) + b"\n")
 
 
 Outcome = Literal["passed", "failure", "error", "skipped"]
@@ -226,8 +225,7 @@ def run(arguments: argparse.Namespace) -> int:
                 console.lines(f"{_SIGNS[case.outcome]}  {escape(f'{names[path]}, {case.name}: {case.text}')}")
         suites.append(Suite(names[path], time.monotonic() - began, cases))
     if arguments.junit:
-        with files.replacing(Path(arguments.junit)) as part:
-            part.write_bytes(junit_xml("companion", suites))
+        files.write(Path(arguments.junit), junit_xml("companion", suites))
     if arguments.write_baseline:
         write_baseline(Path(arguments.write_baseline), flown)
     console.lines(_summary(suites))

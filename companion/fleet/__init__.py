@@ -12,6 +12,6 @@ from companion.fleet.digest import (
 )
 from companion.fleet.history import earlier_checks
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
-from companion.fleet.rows import COLUMNS, Row, Rows, arrow_table
+from companion.fleet.rows import Row, Rows
 from companion.fleet.run import Fleet, FleetRun, run_fleet
 from companion.fleet.search import FoundLog, Search, find_logs

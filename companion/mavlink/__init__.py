@@ -17,7 +17,6 @@ from companion.mavlink.messages import (
     Growing,
     Messages,
     as_bytes,
-    gather_rows,
     grouped,
     log_time,
     split_messages,

@@ -4,7 +4,6 @@ from companion.model import words
 from companion.present import markup, palette
 from companion.present.calibration import (
     CALIBRATED,
-    CalibratedPart,
     by_best_estimate,
     held_out_gain,
     level_force,
@@ -17,9 +16,8 @@ from companion.present.checks import (
     lane_table,
     preflight_headline,
     preflight_table,
-    switch_words,
 )
-from companion.present.findings import MOST_LINES, FindingGroup, Headline, flight_words, grouped, headline, ranked, span
+from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, headline, ranked, span
 from companion.present.formats import (
     SENSORS,
     autopilot_words,
@@ -40,15 +38,13 @@ from companion.present.formats import (
     with_unit,
 )
 from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
-from companion.present.markup import Link, details, html_table, paragraph, table, text
+from companion.present.markup import details, html_table, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 from companion.present.tables import (
     AXES,
     QUANTITIES,
     STATISTICS,
     Cell,
-    Column,
-    Quantity,
     Table,
     agreement_table,
     dominant,
