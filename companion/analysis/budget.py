@@ -1,4 +1,4 @@
-"""How far the reckoning should be off at the end of each window, and how much of that each cause accounts for.
+"""How far the dead reckoning should be off at the end of each window, and how much of that each cause accounts for.
 
 Covariances of (attitude rotation vector, velocity, position) in NED, autopilot minus IMU, by cause: the causes stay
 apart because each is a running integral along the track (docs/mathematics.md, error propagation). A budget without a

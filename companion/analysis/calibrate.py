@@ -217,7 +217,7 @@ def _jacobian(expected: Budget, comparison: Comparison, chosen: Windows) -> Arra
 def lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
     """(W, 9, 3): error per metre from the point that the autopilot reports to the IMU, FRD.
 
-    The IMU is at p + C r and moves with v + C (ω x r), but is started from v and p: the reckoning is of another point.
+    The IMU is at p + C r and moves with v + C (ω x r), but is started from v and p: dead reckoning is of another point.
     """
     track, reference = comparison.track, comparison.reference
     (c0, swing0), (c1, swing1) = (

@@ -51,7 +51,7 @@ class Passes:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The reckoning of one IMU and the autopilot's state at its samples."""
+    """The dead reckoning of one IMU and the autopilot's state at its samples."""
 
     __repr__ = brief
 
@@ -276,7 +276,7 @@ def _usable(
 
 
 def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:
-    """How far each window's end is from the autopilot; path: another reckoning of the same samples."""
+    """How far each window's end is from the autopilot; path: another dead reckoning of the same samples."""
     reference, start, end = comparison.reference, chosen.start, chosen.end
     begin, arrived = reference.at(start), reference.at(end)
     q, velocity, position = (path or comparison.path).carry(

@@ -1,4 +1,4 @@
-"""Drift: how far the IMU's reckoning is from the autopilot after a horizon, from many anchors.
+"""Drift: how far the IMU's dead reckoning is from the autopilot after a horizon, from many anchors.
 
 For each horizon the flight is cut into windows end to end. Each window starts from the autopilot's own state at an IMU
 sample (the anchor), is integrated by itself, and is held against the autopilot at its end. This is the relative pose

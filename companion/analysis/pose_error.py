@@ -48,7 +48,7 @@ def ape(shown: Replay) -> PoseError:
     """Absolute pose error at every sample where the autopilot's state is known.
 
     Position: |p_ref - p_imu| (evo's translation part). Attitude: the angle of q_ref⁻¹ ⊗ q_imu (evo's angle_deg). The
-    reckoning counts since its last anchor. Raises DataError when the replay has no such sample.
+    dead reckoning counts since its last anchor. Raises DataError when the replay has no such sample.
 
     >>> import companion as c
     >>> found = c.ape(c.replay(c.open_log("tlogs/copter-demo-100hz.tlog")[0]))

@@ -41,7 +41,7 @@ class Replay:
     __repr__ = brief
 
     t: Array  # (N,) s, boot clock
-    q_imu: Array  # (N, 4) wxyz NED/FRD, the IMU's reckoning
+    q_imu: Array  # (N, 4) wxyz NED/FRD, the IMU's dead reckoning
     velocity_imu: Array  # (N, 3) NED m/s
     position_imu: Array  # (N, 3) NED m
     q_ref: Array  # (N, 4) the autopilot's
@@ -50,10 +50,12 @@ class Replay:
     attitude_error: Array  # (N, 3) rotation vector of q_ref ⊗ q_imu⁻¹ in NED, rad
     velocity_error: Array  # (N, 3) autopilot minus IMU, NED m/s
     position_error: Array  # (N, 3) autopilot minus IMU, NED m
-    anchors: Array  # (A,) s, where the reckoning was (re)started from the autopilot's state
+    anchors: Array  # (A,) s, where the dead reckoning was (re)started from the autopilot's state
     has_position: bool
     reference_valid: BoolArray  # (N,) False where the autopilot's messages have a gap: its state is interpolated
-    from_rest: bool = False  # the reckoning began from the IMU's own alignment at rest, not from the autopilot's state
+    from_rest: bool = (
+        False  # it began from the IMU's own alignment at rest, not from the autopilot's state
+    )
 
 
 def replay(
@@ -65,11 +67,11 @@ def replay(
     start_s: float | None = None,
     reference: Reference | None = None,
 ) -> Replay:
-    """The reckoning of the flight's IMU beside its autopilot, at every IMU sample.
+    """The dead reckoning of the flight's IMU beside its autopilot, at every IMU sample.
 
     It starts from the autopilot's state at `start_s` (s, boot clock; None: as soon as the state is known) and again
     every `reanchor_s` seconds, or runs free when that is None. Where the autopilot's state is not known at the time
-    of a new anchor, the reckoning goes on from the old one until it is. reference: that state at the samples of the
+    of a new anchor, dead reckoning goes on from the old one until it is. reference: that state at the samples of the
     IMU, where it has been looked up already.
 
     Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`;
@@ -114,7 +116,7 @@ def replay(
 def replay_from_rest(
     flight: Flight, aligned: Alignment, *, imu: str | None = None, how: Integration = DEFAULT
 ) -> Replay:
-    """The reckoning from the beginning of a rest on, free of the autopilot: its alignment, and then the IMU alone.
+    """The dead reckoning from the beginning of a rest on, free of the autopilot: its alignment, and then the IMU alone.
 
     It starts from the IMU's own alignment, less the biases that the rest shows, at a velocity of zero, and from the
     autopilot's position there (its first, where that comes later), and is never anchored again. Where the autopilot's

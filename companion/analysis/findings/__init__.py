@@ -5,14 +5,3 @@ from companion.analysis.findings.consequences import when_lost, with_reports
 from companion.analysis.findings.detect import autopilot_findings, findings, reading_faults
 from companion.analysis.findings.sampling import rate_warning
 from companion.analysis.findings.stuck import missed_findings
-
-__all__ = [
-    "autopilot_findings",
-    "findings",
-    "missed_findings",
-    "rate_warning",
-    "reading_faults",
-    "screened_aiding",
-    "when_lost",
-    "with_reports",
-]
