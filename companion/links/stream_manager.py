@@ -337,9 +337,11 @@ class StreamManager:
                 message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)
 
     def _start_again(self) -> None:
-        """Everything that was agreed is gone; what there was before us is what to give back all the same."""
+        """What was agreed may be gone. After a reboot what to give back is what the vehicle has booted with; an interval
+        that is still ours tells that there was none.
+        """
         self._thin.start_again()
         self._waiting = self._streamed = None
         for message in self.stream_requests:
             message.requested_hz, message.retries, message.by_stream = message.desired_hz, 0, False
-            message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)
+            message.move(RequestState.FINDING, 0.0)

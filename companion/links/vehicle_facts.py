@@ -33,7 +33,9 @@ class Reboots:
         for columns in messages.values():
             if "time_boot_ms" in columns.layout.fields and len(columns.rows):  # the session reads those it needs
                 boot_s = float(columns["time_boot_ms"][-1]) * 1e-3
-                if 0 < boot_s < self._boot_s - _REBOOT_S and not self.two_clocks:
+                if not boot_s:  # says nothing, and would hide the fall of the next one
+                    continue
+                if boot_s < self._boot_s - _REBOOT_S and not self.two_clocks:
                     self._reboots = [t for t in self._reboots if now - t < _REBOOTS_S] + [now]
                     self.two_clocks = len(self._reboots) > _MOST_REBOOTS
                     started = now - boot_s

@@ -13,6 +13,7 @@ import pytest
 
 from companion.links import StreamManager, Target
 from companion.links.request_table import desired_from, fit, load
+from companion.links.requests import set_interval
 from companion.links.restoration import OriginalRatesFile
 from companion.mavlink import Decoder, Packer, load_dialect, split_messages
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -484,6 +485,20 @@ def test_who_has_it_as_often_already_keeps_it_so() -> None:
     assert talk.received() == pytest.approx({"RAW_IMU": 100.0, "ATTITUDE": 100.0}, rel=0.03)
     talk.leave()
     assert (talk.vehicle.interval_us("RAW_IMU"), talk.vehicle.interval_us("ATTITUDE")) == (-1, 10_000)
+
+
+def test_after_a_reboot_its_own_interval_is_what_is_given_back() -> None:
+    """A ground station had set 10 Hz for as long as the vehicle is on; it boots with 4 Hz."""
+    vehicle = SimulatedVehicle(resting(120.0), streams={"ATTITUDE": 4.0})
+    ask = set_interval(Target(1, 1), DIALECT.by_name["ATTITUDE"].id, 100_000)
+    vehicle.receive(Packer(255, 190).pack(ask.name, ask.fields))
+    talk = Conversation(wanted={"ATTITUDE": 50.0}, vehicle=vehicle)
+    talk.run(20.0)
+    vehicle.reboot()
+    talk.run(10.0)
+    assert talk.received() == pytest.approx({"ATTITUDE": 50.0}, rel=0.03)
+    talk.leave()
+    assert vehicle.interval_us("ATTITUDE") == 250_000
 
 
 def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_comes() -> None:
