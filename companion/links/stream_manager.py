@@ -181,7 +181,7 @@ class StreamManager:
                 return self._ask_stream(STREAMS[message.name])
             if message.state is RequestState.ASKING:
                 self._note(message)
-                message.ours = True
+                message.ours, message.requested_s = True, now
                 message.attempts, message.due, self._waiting = message.attempts + 1, now + _ANSWER_S, message
                 return requests.set_interval(self.target, message.message_id, round(1e6 / message.requested_hz))
         return None
@@ -315,6 +315,7 @@ class StreamManager:
             return
         self.started = started
         self.reported.append(f"vehicle {self.target} has rebooted: asking again")
+        self._earlier.forget({one.name for one in self.stream_requests if one.requested_s < started})  # gone, as ours are
         self._start_again()
 
     def _notice_end(self, now: float) -> None:
@@ -337,8 +338,9 @@ class StreamManager:
                 message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)
 
     def _start_again(self) -> None:
-        """What was agreed may be gone. After a reboot what to give back is what the vehicle has booted with; an interval
-        that is still ours tells that there was none.
+        """What was agreed may be gone; an interval that is still ours tells that it is not.
+
+        After a reboot what to give back is what the vehicle has booted with.
         """
         self._thin.start_again()
         self._waiting = self._streamed = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import ceil
+from math import ceil, inf
 
 _GATHER_S = 20.0  # sentences of one kind are gathered so long: a vehicle that refuses one message refuses several
 _MORE_S = 2.0  # ... and at least so long after the newest
@@ -39,6 +39,7 @@ class StreamRequest:
     found_us: int | None = None  # the interval before our request, as MESSAGE_INTERVAL reports it; None: not known
     found_hz: float = 0.0  # what arrived before our request, where the vehicle reported no interval
     ours: bool = False  # an interval of ours has been requested, and perhaps taken
+    requested_s: float = -inf  # s, when that was last
     state: RequestState = RequestState.FINDING
     by_stream: bool = False  # requested with REQUEST_DATA_STREAM
     optional: bool = False  # many vehicles have no source for it

@@ -487,9 +487,10 @@ def test_who_has_it_as_often_already_keeps_it_so() -> None:
     assert (talk.vehicle.interval_us("RAW_IMU"), talk.vehicle.interval_us("ATTITUDE")) == (-1, 10_000)
 
 
-def test_after_a_reboot_its_own_interval_is_what_is_given_back() -> None:
-    """A ground station had set 10 Hz for as long as the vehicle is on; it boots with 4 Hz."""
-    vehicle = SimulatedVehicle(resting(120.0), streams={"ATTITUDE": 4.0})
+@pytest.mark.parametrize("booted_hz", [4.0, 50.0])
+def test_after_a_reboot_its_own_interval_is_what_is_given_back(booted_hz: float) -> None:
+    """A ground station had set 10 Hz until the reboot; it boots with another rate, or with the one that we ask for."""
+    vehicle = SimulatedVehicle(resting(120.0), streams={"ATTITUDE": booted_hz})
     ask = set_interval(Target(1, 1), DIALECT.by_name["ATTITUDE"].id, 100_000)
     vehicle.receive(Packer(255, 190).pack(ask.name, ask.fields))
     talk = Conversation(wanted={"ATTITUDE": 50.0}, vehicle=vehicle)
@@ -498,7 +499,7 @@ def test_after_a_reboot_its_own_interval_is_what_is_given_back() -> None:
     talk.run(10.0)
     assert talk.received() == pytest.approx({"ATTITUDE": 50.0}, rel=0.03)
     talk.leave()
-    assert vehicle.interval_us("ATTITUDE") == 250_000
+    assert vehicle.interval_us("ATTITUDE") == 1e6 / booted_hz
 
 
 def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_comes() -> None:
