@@ -737,6 +737,9 @@ def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
     assert not goes_to_and_fro(np.diff(swing), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(noise)), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)
+    yaws = np.where(t % 3.0 < 1.0, 3000.0 * (t % 3.0), 0.0)  # at each corner, by far more than the noise
+    assert goes_to_and_fro(np.diff(np.trunc(yaws + noise)), 100.0)
+    assert not goes_to_and_fro(np.diff(np.trunc(yaws)), 100.0)
 
 
 @pytest.mark.parametrize("dead", [True, False])

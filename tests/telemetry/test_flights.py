@@ -473,3 +473,13 @@ def test_floats_of_another_imu_are_not_taken_for_those_of_the_first() -> None:
     flight = c.open_log(recording("sitl/copter-hover-nodrift-100hz.tlog"))[0]
     other = replace(flight.imus["HIGHRES_IMU"], instance=1)
     assert replace(flight, imus={**flight.imus, "HIGHRES_IMU": other}).default_imu == "RAW_IMU"
+
+
+def test_an_imu_is_compared_by_the_message_that_no_estimator_has_changed() -> None:
+    """PX4's HIGHRES_IMU goes on with another sensor when the selector changes; SCALED_IMU2 stays what it is."""
+    flight = c.open_log(recording("px4/px4_hover.tlog"))[0]
+    own, floats = flight.imus["SCALED_IMU"], flight.imus["HIGHRES_IMU"]
+    slower = replace(own, source="SCALED_IMU2", instance=floats.instance)[::2]
+    both = replace(flight, imus={"HIGHRES_IMU": floats, "SCALED_IMU2": slower})
+    assert [one.source for one in both.each_imu()] == ["SCALED_IMU2"]
+    assert [one.source for one in replace(flight, imus={"HIGHRES_IMU": floats}).each_imu()] == ["HIGHRES_IMU"]

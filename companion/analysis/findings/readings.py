@@ -169,10 +169,14 @@ def never_repeats(same: BoolArray, rate_hz: float) -> bool:
 
 
 def goes_to_and_fro(change: Array, rate_hz: float) -> bool:
-    """Whether changes (n,) turn back in every second, as those of noise do, and of no vehicle that only turns."""
+    """Whether changes (n,) turn back in the quietest third of all seconds, as those of noise do.
+
+    A turn hides the noise in the others; of a vehicle that only turns, without noise, they turn back in none.
+    """
     back = np.append(change[1:] * change[:-1] < 0.0, False).astype(np.float64)
     seconds = by_second(back, rate_hz).mean(axis=1)
-    return len(seconds) >= check.MIN_SECONDS and float(seconds.min()) > check.REPEATED_OFTEN
+    quiet = np.argsort(by_second(np.abs(change), rate_hz).mean(axis=1))[: len(seconds) // 3]
+    return len(seconds) >= check.MIN_SECONDS and float(seconds[quiet].min()) > check.REPEATED_OFTEN
 
 
 def swing(readings: Array) -> float:
