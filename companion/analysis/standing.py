@@ -4,7 +4,7 @@ A piece of some tens of seconds that begins after an onset fits the fault as a b
 moved origin, and agrees with the autopilot that was misled by it. So a fault that was accepted is kept with the
 probability p that it is still there, and what each later piece says of it is weighed by Bayes:
 
-    log p / (1 - p) = log odds that it stays + log N(d; u, σ²) - log N(d; 0, σ²)
+    log p / (1 - p) = log odds that it stays + log N(d; u, Σ) - log N(d; 0, Σ)
 
 u: its size as measured while the piece still had its onset, d: the sensor's error now minus that before the onset. It
 is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
@@ -36,9 +36,9 @@ from companion.analysis.verdict import Status, Verdict, headline_of, stated_caus
 from companion.constants import check, healthy, num, priors
 from companion.estimation import (
     AIDING,
-    CONSTANTS,
     HYPOTHESES,
     BestEstimate,
+    allowing,
     hypothesis_of,
     probabilities,
     times_of_change,
@@ -46,13 +46,15 @@ from companion.estimation import (
 from companion.model import STANDARD_GRAVITY, Array, Flight
 
 Reading = tuple[Array, Array]
-"""(m,) what a sensor reads too much, and 1σ of it."""
+"""(m,) what a sensor reads too much, and its covariance (m, m): three biases, or these and three scales."""
 
 
 def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
     """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
 
-    None where it is no error that is measured so.
+    A scale beside the biases, for a vehicle that turns the same way all the time shows their sum alone, and by what the
+    piece says of it: that it is small in most parts is no evidence that it has become so. None where it is no error
+    that is measured so.
     """
     if best is None or not cause.kind.endswith(("_bias", "_scale")) or cause.sensor not in BIAS_UNITS:
         return None
@@ -60,15 +62,20 @@ def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float 
         return _apart(cause, flight, best, until)
     if cause.kind.endswith("_bias"):
         value = np.median(getattr(best.states, cause.kind), axis=0)
-        variance = np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2
+        covariance = np.diag(np.median(getattr(best, f"{cause.kind}_sigma"), axis=0) ** 2)
     else:
-        place, _ = CONSTANTS[f"{cause.sensor}_matrix"]
-        value, variance = best.states.constants[place][::4], best.constants_sigma[place][::4] ** 2  # of the diagonal
+        at = slice(0, 3) if cause.sensor == "gyro" else slice(3, 6)
+        scales = 6 + 3 * at.start + np.arange(0, 9, 4)  # of the diagonal
+        which = np.r_[at, scales]
+        possible = max(healthy.USUAL_SCALE, cause.size or 0.0)
+        errors = allowing(best.errors, possible, possible)
+        value, covariance = errors.values[which].copy(), errors.covariance[np.ix_(which, which)].copy()
     for part in (one for one in best.explained if one.kind == cause.kind and one.imu is None):
         share = share_at(part, float(best.t[-1]))
         if until is None or part.onset < until - check.NEAR_S:
-            value, variance = value + share * part.size, variance + (share * part.sigma) ** 2
-    return value, np.sqrt(variance)
+            value[-3:] += share * part.size
+            covariance[-3:, -3:] += np.diag((share * part.sigma) ** 2)
+    return value, covariance
 
 
 def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None) -> Reading | None:
@@ -87,7 +94,7 @@ def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None
     chosen = apart[-round(num.JUDGED_S) :] if until is None else apart[both + 1 < until]
     if len(chosen) < 2:
         return None
-    return chosen.mean(axis=0), chosen.std(axis=0) / np.sqrt(len(chosen))
+    return chosen.mean(axis=0), np.diag(chosen.var(axis=0) / len(chosen))
 
 
 def believable(verdict: Verdict, flight: Flight) -> Verdict:
@@ -283,7 +290,9 @@ def _as_seen(
     now = reads(cause, flight, best)
     known = StandingFault(finding, 1.0, last)
     if before is not None and now is not None:
-        if fault is not None and fault.before is not None and fault.before[1].sum() < before[1].sum():
+        if fault is not None and fault.cause.kind != cause.kind:  # measured in other units
+            fault = None
+        if fault is not None and fault.before is not None and np.trace(fault.before[1]) < np.trace(before[1]):
             before = fault.before  # more of the time before the onset was in an earlier piece
         size = now[0] - before[0]
         if cause.end_s is None or fault is None or fault.size is None:
@@ -324,7 +333,8 @@ def _measured(fault: StandingFault, now: Reading | None) -> StandingFault:
     if now is None or fault.before is None or fault.size is None:
         return fault
     sure = _stays(fault.size, fault.before, now, fault.cause)
-    size = now[0] - fault.before[0] if sure > priors.ACCUSED else fault.size
+    follows = sure > priors.ACCUSED and fault.cause.kind.endswith("_bias")  # a bias may go on growing
+    size = now[0] - fault.before[0] if follows else fault.size
     return replace(fault, probability=sure, size=size)
 
 
@@ -354,11 +364,13 @@ _STILL = ("stuck_axis", "frozen")
 
 def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:
     """The probability that an error is still there, of what the sensor reads too much now and did before its onset."""
-    kind = hypothesis_of(cause.kind)
-    drifts = kind.harmful("step") / num.SIGMAS  # what parts in order change by in a flight is a third of it
-    variance = before[1] ** 2 + now[1] ** 2 + drifts**2
+    # what parts in order change by in a flight is a third of what harms
+    kinds = (f"{cause.sensor}_bias", cause.kind)[-len(size) // 3 :]
+    drifts = np.repeat([hypothesis_of(one).harmful("step") / num.SIGMAS for one in kinds], 3)
+    information = np.linalg.inv(before[1] + now[1] + np.diag(drifts**2))
     error = now[0] - before[0]
-    log_odds = -np.log(priors.RECOVERING_SHARE) + 0.5 * float(((error**2 - (error - size) ** 2) / variance).sum())
+    left = error - size
+    log_odds = -np.log(priors.RECOVERING_SHARE) + 0.5 * float(error @ information @ error - left @ information @ left)
     return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))
 
 

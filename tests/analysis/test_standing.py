@@ -67,6 +67,19 @@ def test_an_alarm_ends_when_the_fault_is_seen_to_end_and_not_by_another_alarm() 
     assert sum(a != b for a, b in pairwise(status)) == 2, "on, and off"
 
 
+@pytest.mark.parametrize("scale", [0.05, 0.0])
+def test_a_scale_stays_though_a_piece_takes_it_for_a_bias(scale: float) -> None:
+    """A vehicle that turns the same way all the time shows only what both come to."""
+    turns = with_imu(FLIGHT, gyro=FLIGHT.imu().gyro * (1.0 + scale * np.array([0.0, 0.0, 1.0])))
+    piece = cut(turns, 58.0, 92.0)
+    own = assess(piece, GENERIC)
+    (found,) = alarm("gyro_scale", "imu", BEGIN, None, sensor="gyro", axis="z", size=0.05, sigma=0.003).findings
+    before = np.zeros(6), np.diag([1e-3] * 3 + [5e-3] * 3) ** 2
+    fault = StandingFault(found, 1.0, 55.0, before, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
+    (kept, *_) = carried_on([fault], piece, own.verdict, own.best)
+    assert (kept.over_s is None) == (scale > 0.0)
+
+
 def test_a_healthy_flight_has_no_fault_that_stands() -> None:
     assert {said.status for _, said in heard(FLIGHT, PIECES[:3])} == {"consistent"}
 
@@ -120,7 +133,7 @@ def test_what_every_piece_shows_from_its_first_sample_on_is_not_over() -> None:
 def test_a_piece_that_begins_after_the_onset_takes_nothing_of_what_was_measured() -> None:
     onset = PIECE.start - 0.7
     finding = alarm("accel_bias", "imu", onset, None, sensor="accel", axis="z", size=0.8, sigma=0.01, imu=1).findings[0]
-    before, size = (np.zeros(3), np.full(3, 0.01)), np.array([0.0, 0.0, 0.8])
+    before, size = (np.zeros(3), 1e-4 * np.eye(3)), np.array([0.0, 0.0, 0.8])
     known = StandingFault(finding, 1.0, PIECE.start, before=before, size=size)
     (kept,) = carried_on((known,), PIECE, there(PIECE), None)
     assert (kept.cause.onset_s, kept.before, kept.over_s) == (onset, before, None)
