@@ -34,12 +34,15 @@ class Preflight:
     checks: tuple[Check, ...]
     vehicle_reports: tuple[str, ...]  # what the vehicle itself reports against arming, in that time: untrusted
     missing: tuple[str, ...]  # what could not be checked, and why
+    refuses: bool = False  # whether it still did so at the end, and was not armed
 
     @property
     def outcome(self) -> Outcome:
-        """No-go if any line is; else cannot be told if any line cannot."""
+        """No-go if any line is; else cannot be told if any line cannot, or if the vehicle itself refuses to arm."""
         outcomes = {one.outcome for one in self.checks}
-        return "no_go" if "no_go" in outcomes else "unknown" if "unknown" in outcomes or not outcomes else "go"
+        if "no_go" in outcomes:
+            return "no_go"
+        return "unknown" if "unknown" in outcomes or not outcomes or self.refuses else "go"
 
 
 def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
@@ -61,10 +64,11 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
         for name, there in (("compass", flight.compasses), ("barometer", flight.barometers), ("GPS", flight.gps))
         if not there
     ]
-    refusals = (text.text for text in flight.texts if standing.start <= text.t <= standing.end and _refuses(text.text))
-    return Preflight(
-        standing.start, standing.end, standing.motors_off, tuple(checks), tuple(dict.fromkeys(refusals)), tuple(missing)
-    )
+    refusals = [one for one in flight.texts if standing.start <= one.t <= standing.end and _refuses(one.text)]
+    armed = any(one.kind == "armed" and one.t > standing.start for one in flight.events)
+    refuses = not armed and any(one.t > standing.end - check.PREARM_REPEATED_S for one in refusals)
+    reports = tuple(dict.fromkeys(one.text for one in refusals))
+    return Preflight(standing.start, standing.end, standing.motors_off, tuple(checks), reports, tuple(missing), refuses)
 
 
 def _refuses(text: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,13 +21,17 @@ def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> 
     iron = healthy.USUAL_IRON / num.MICROTESLA
     fields = [(one, *_mean(one, standing)) for one in flight.compasses if standing.covers(one.t).sum() >= 2]
     earth = field_at(flight.origin, flight.epoch)
+    calibrated = [(one, field) for one, field, _ in fields if one.calibrated]
+    headings = [] if earth is None else [*_headings(flight, standing, calibrated, earth.ned)]
     for one, field, sigma in fields:
         size = float(length(field))
         if one.calibrated and earth is not None:
             expected, anomaly = float(length(earth.ned)), float(earth.sigma[0])
             made = judged("compass_field", one.source, abs(size - expected), float(np.hypot(sigma, anomaly)), iron, "T")
             yield replace(made, autopilot="Check mag field", note=f"{size * 1e6:.1f} µT, {expected * 1e6:.1f} expected")
-            yield from _directions(flight, standing, imu, one, field, earth.ned)
+            yield from _inclination(imu, one, field, earth.ned)
+            yield from (made for made in headings if made.sensor == one.source)
+    yield from (made for made in headings if made.sensor not in {one.source for one, *_ in fields})
     for (one, field, sigma), (other, other_field, other_sigma) in combinations(fields, 2):
         if one.calibrated and other.calibrated:
             angle = _between(field, other_field)
@@ -51,28 +55,44 @@ def _mean(one: CompassTrack, standing: Standing) -> tuple[Array, float]:
     return field.mean(axis=0), float(length(field.std(axis=0)) / np.sqrt(max(standing.end - standing.start, 1.0)))
 
 
-def _directions(
-    flight: Flight, standing: Standing, imu: Measured | None, one: CompassTrack, field: Array, earth: Array
-) -> Iterator[Check]:
-    """Inclination against gravity as the accelerometer feels it, and heading against the autopilot's."""
+def _inclination(imu: Measured | None, one: CompassTrack, field: Array, earth: Array) -> Iterator[Check]:
+    """Against gravity as the accelerometer feels it."""
+    if imu is None:
+        return
     size = max(float(length(field)), healthy.USUAL_IRON / num.MICROTESLA)
-    if imu is not None:
-        down = -imu.accel_mean / length(imu.accel_mean)
-        dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
-        expected = float(np.arctan2(earth[2], length(earth[:2])))
-        limit = float(np.arcsin(healthy.USUAL_IRON / num.MICROTESLA / size))
-        made = judged("compass_inclination", one.source, abs(dip - expected), healthy.FIELD_ANOMALY, limit, "rad")
-        yield replace(made, note=f"{np.degrees(dip):.1f}°, {np.degrees(expected):.1f}° expected")
+    down = -imu.accel_mean / length(imu.accel_mean)
+    dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
+    expected = float(np.arctan2(earth[2], length(earth[:2])))
+    limit = float(np.arcsin(healthy.USUAL_IRON / num.MICROTESLA / size))
+    made = judged("compass_inclination", one.source, abs(dip - expected), healthy.FIELD_ANOMALY, limit, "rad")
+    yield replace(made, note=f"{np.degrees(dip):.1f}°, {np.degrees(expected):.1f}° expected")
+
+
+def _headings(
+    flight: Flight, standing: Standing, fields: Sequence[tuple[CompassTrack, Array]], earth: Array
+) -> Iterator[Check]:
+    """Each compass against the autopilot's heading; or, where more than half of three or more agree against that, both
+    against theirs: the autopilot then follows the one that is wrong."""
     attitude = flight.attitude
-    if attitude is not None and (near := standing.covers(attitude.t)).any():
-        q = attitude.q_ned_frd[near][-1]
-        ned = quaternion.rotate(q[None], field[None])[0]
-        turn = np.arctan2(ned[1], ned[0]) - np.arctan2(earth[1], earth[0])
-        apart = abs(float(np.mod(turn + np.pi, 2.0 * np.pi) - np.pi))
-        limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(float(length(earth[:2])), 1e-9), 1.0)))
-        sigma = healthy.MAGNETIC_HEADING_RAD
-        made = judged("compass_heading", one.source, apart, sigma, min(limit, harm.COMPASS_HEADING_RAD), "rad")
+    if attitude is None or not fields or not (near := standing.covers(attitude.t)).any():
+        return
+    q = attitude.q_ned_frd[near][-1]
+    ned = quaternion.rotate(np.broadcast_to(q, (len(fields), 4)), np.array([field for _, field in fields]))
+    turns = _wrapped(np.arctan2(ned[:, 1], ned[:, 0]) - np.arctan2(earth[1], earth[0]))
+    limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(float(length(earth[:2])), 1e-9), 1.0)))
+    limit = min(limit, harm.COMPASS_HEADING_RAD)
+    alike = np.abs(_wrapped(turns[:, None] - turns)) < limit
+    most = int(np.argmax(alike.sum(axis=1)))
+    sources = [one.source for one, _ in fields]
+    if len(fields) > 2 and 2 * alike[most].sum() > len(fields) and abs(turns[most]) > limit:
+        sources, turns = [*sources, attitude.source], _wrapped(np.append(turns, 0.0) - turns[most])
+    for source, turn in zip(sources, np.abs(turns).tolist(), strict=True):
+        made = judged("compass_heading", source, turn, healthy.MAGNETIC_HEADING_RAD, limit, "rad")
         yield replace(made, autopilot="heading inconsistent" if not _px4(flight) else "COM_ARM_EKF_YAW")
+
+
+def _wrapped(angle: Array) -> Array:
+    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def _between(a: Array, b: Array) -> float:

@@ -143,7 +143,10 @@ def preflight_headline(result: Preflight) -> str:
         return f"NO-GO: {', '.join(bad)} ({span})"
     if doubtful:
         return f"Cannot tell: {', '.join(doubtful)}; the rest is go ({span})"
-    return f"GO: {len(result.checks)} checks within their limits ({span})"
+    within = f"{len(result.checks)} checks within their limits"
+    if result.refuses:
+        return f"Cannot tell: the vehicle itself refuses to arm; {within} ({span})"
+    return f"GO: {within} ({span})"
 
 
 def preflight_table(result: Preflight, aged: Sequence[Ageing] = ()) -> Table:

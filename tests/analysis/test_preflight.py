@@ -30,6 +30,7 @@ PART = ImuModel(
     accel=Sensor(noise_density=GENERIC.accel.noise_density, bias=np.array([0.05, 0.02, -0.05])),
 )
 X = np.array([1.0, 0.0, 0.0])
+TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # by 90° about down
 
 
 def standing(seed: int = 1, *, off: Array | float = 0.0, push: Array | float = 0.0, **changes: object) -> Flight:
@@ -140,7 +141,20 @@ def test_what_is_not_in_the_log_is_said() -> None:
 
 def test_the_vehicles_own_refusals_are_told() -> None:
     texts = (StatusText(20.0, 2, "PreArm: Gyros inconsistent"), StatusText(21.0, 6, "EKF3 IMU0 is using GPS"))
-    assert checked(standing(texts=texts)).vehicle_reports == ("PreArm: Gyros inconsistent",)
+    result = checked(standing(texts=texts))
+    assert result.vehicle_reports == ("PreArm: Gyros inconsistent",)
+    assert result.outcome == "unknown", "all checks are go, and it does not arm"
+    events = (Event(10.0, "disarmed", ""), Event(49.0, "armed", ""))
+    assert checked(standing(texts=texts, events=events)).outcome == "go", "it did in the end"
+
+
+def test_of_three_compasses_the_one_against_the_others_is_named_though_the_autopilot_follows_it() -> None:
+    flight = standing()
+    (one,) = flight.compasses
+    two = [replace(one, field=one.field @ TURNED.T, source=f"MAG[{i}]", instance=i) for i in (1, 2)]
+    result = checked(replace(flight, compasses=(one, *two)))
+    bad = {check.sensor for check in result.checks if check.name == "compass_heading" and check.outcome == "no_go"}
+    assert bad == {one.source, "ATTITUDE"}
 
 
 def test_only_what_lies_before_arming_is_looked_at() -> None:
