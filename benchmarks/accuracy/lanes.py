@@ -45,6 +45,14 @@ class Row:
         return bool(set(self.off) & set(self.flown)) and self.nearest not in self.off
 
     @property
+    def is_right(self) -> bool:
+        """Whether the nearest lane is named, or one that is further off by less than a healthy one errs."""
+        if self.named is None:
+            return False
+        own, least = self.sizes[self.named], self.sizes[self.nearest]
+        return all(own[q] - size <= healthy.AP_SIGMA[q] for q, size in least.items() if q in own)
+
+    @property
     def condemned(self) -> tuple[str, ...]:
         """Good lanes that are called off."""
         return tuple(name for name in self.called_off if name not in self.off)
@@ -108,8 +116,8 @@ def main() -> int:
         except CompanionError as error:
             print(f"{path.name:26} {error}", flush=True)
     matter = [row for row in every if row.matters]
-    right = sum(row.named == row.nearest for row in matter)
-    wrong = sum(row.named not in (None, row.nearest) for row in every)
+    right = sum(row.is_right for row in matter)
+    wrong = sum(row.named is not None and not row.is_right for row in every)
     print(f"the right lane is named in {right} of {len(matter)} spans in which it mattered, a wrong one in {wrong}")
     print(f"good lanes called off: {sum(len(row.condemned) for row in every)}, in {len(every)} spans")
     return 0

@@ -68,8 +68,17 @@ class LaneSpan:
     what: str  # "flight", or the kind of the fault
     flown: tuple[str, ...]  # the lanes that flew in it
     lanes: tuple[LaneInSpan, ...]
-    right: str | None  # the lane that is surely the nearest, where one that flew was off; None elsewhere
+    right: str | None  # the lane that none is surely nearer than, nor differs from by what matters, where one that
+    # flew was off; None elsewhere
     readers: tuple[str, ...] | None = None  # the lanes that read the sensor that was wrong; None: not known, or none
+
+    @property
+    def as_good(self) -> tuple[str, ...]:
+        """The other lanes that nothing tells from the right one."""
+        if self.right is None:
+            return ()
+        untold = (one for one in self.lanes if one.nearest is not None and one.nearest > 1.0 - priors.ACCUSED)
+        return tuple(one.lane for one in untold if one.lane != self.right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,12 +183,30 @@ def _span(
     odds = _Odds(sharing or ())
     ranked = [_in_span(one, compared, where, odds) for one in compared.lanes if len(one.lane)]
     known = [one for one in ranked if one.errors]
-    sure = [one.lane for one in known if one.nearest is not None and one.nearest >= priors.ACCUSED]
     errors = {one.lane.name: one for one in compared.lanes}
-    best = errors[sure[0]] if sure else None
+    best = _nearest([errors[one.lane] for one in sorted(known, key=_rank)], compared, where, odds)
     matters = best is not None and any(worse(errors[n], best, compared, where, odds.of(best, errors[n])) for n in flown)
-    right = sure[0] if matters else None
+    right = best.lane.name if best is not None and matters else None
     return LaneSpan(start, end, what, flown, tuple(known), right, sharing)
+
+
+def _rank(one: LaneInSpan) -> float:
+    return 0.0 if one.nearest is None else -one.nearest
+
+
+def _nearest(lanes: Sequence[LaneErrors], compared: Compared, where: BoolArray, odds: _Odds) -> LaneErrors | None:
+    """The first of the lanes, if it is surely nearer than each other, or differs from it by less than healthy ones err.
+
+    Of three lanes two may be equally good. lanes: the likeliest to be the nearest first.
+    """
+    may_fly = [one for one in lanes if one.lane.core is not None]
+    told = False
+    for other in may_fly[1:]:
+        p = nearer_probability(may_fly[0], other, compared, where, odds.of(may_fly[0], other))
+        told |= p is not None
+        if p is not None and p < priors.ACCUSED and max(apart(may_fly[0], other, where).values()) > 1.0:
+            return None
+    return may_fly[0] if told else None
 
 
 @dataclass(frozen=True, slots=True)

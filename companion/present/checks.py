@@ -73,7 +73,10 @@ def switch_words(one: LaneSwitch) -> str:
 def span_words(span: LaneSpan) -> str:
     """Which lane should have flown, in a clause."""
     off = [one for one in span.lanes if one.off]
-    sentence = f"{span.right} was the right lane" if span.right else "no lane that flew was off by what matters"
+    as_good = f", and {', '.join(span.as_good)} as good" if span.as_good else ""
+    sentence = (
+        f"{span.right} was the right lane{as_good}" if span.right else "no lane that flew was off by what matters"
+    )
     if not span.right and {one.lane for one in off} & {*span.flown, FLOWN}:
         sentence = "another lane was nearer, but which is the nearest cannot be told"
     elif sum(one.nearest is not None for one in span.lanes) < 2:

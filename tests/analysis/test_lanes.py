@@ -75,6 +75,14 @@ def test_the_lane_without_the_fault_was_the_right_one(flight: Flight, best: Best
     assert np.degrees(bad.rms) == pytest.approx(10.0, abs=2.0)
 
 
+def test_of_three_lanes_two_that_nothing_tells_apart_are_both_right(flight: Flight, best: BestEstimate) -> None:
+    made = judged(flight, best, (lane(0, turned(10.0)), lane(1), lane(2)), use((0.0, 0)))
+    _, fault = made.spans
+    assert {fault.right, *fault.as_good} == {"EKF3 core 1", "EKF3 core 2"}
+    apart = judged(flight, best, (lane(0, turned(10.0)), lane(1), lane(2, turned(9.9))), use((0.0, 0)))
+    assert (apart.spans[1].right, apart.spans[1].as_good) == ("EKF3 core 1", ())
+
+
 def test_what_another_lane_than_the_flown_one_has_is_no_reason_to_change(flight: Flight, best: BestEstimate) -> None:
     made = judged(flight, best, (lane(0, turned(10.0)), lane(1)), use((0.0, 1)))
     assert made.spans[1].right is None
