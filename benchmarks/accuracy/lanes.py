@@ -67,6 +67,7 @@ def true_sizes(lane: EstimatorLane, truth: TruthTrack, start: float, end: float)
     first = np.flatnonzero(np.isfinite(moved).all(axis=1))[:20]
     moved = moved - (np.median(moved[first], axis=0) if len(first) else 0.0)
     parts = {"tilt": turn[:, :2], "heading": turn[:, 2:], "velocity": fast[:, :2], "position": moved[:, :2]}
+    parts["height"] = moved[:, 2:]
     return {name: size for name, values in parts.items() if np.isfinite(size := _rms(values[inside]))}
 
 

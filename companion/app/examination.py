@@ -6,6 +6,7 @@ And the lanes of its estimator, against the best estimate of an IMU that is in o
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -270,7 +271,9 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     if first.best is None or _is_wrong(first):
         names = [one.source for one in flight.each_imu() if one.instance != used.instance]
         others = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
-        by = max([first, *others], key=lambda one: (not _is_wrong(one), one.best is not None and known_share(one.best)))
+        every = [first, *others]
+        votes = Counter(number for one in every for number in _accused(one))
+        by = max((one for one in every if one.best is not None), key=lambda one: _worth(one, votes), default=first)
     if by.best is None:
         raise NoEstimateError(
             used.source, "; ".join(by.sensitivity.not_judged), "Look at the log with companion info, or try --imu."
@@ -288,11 +291,22 @@ def redundant_lanes(flight: Flight, settings: Settings, own: Assessment) -> tupl
         return None
 
 
+def _worth(one: Assessment, votes: Counter[int]) -> tuple[int, float]:
+    """How good an IMU is to carry the estimate: the fewer of all estimates accuse it the better."""
+    assert one.best is not None
+    return -votes[one.comparison.track.instance], known_share(one.best)
+
+
 def _is_wrong(one: Assessment) -> bool:
     """Whether the IMU that was assessed is at fault itself."""
+    return one.best is None or one.comparison.track.instance in _accused(one)
+
+
+def _accused(one: Assessment) -> set[int]:
+    """The IMUs that are at fault by one assessment."""
     own = one.comparison.track.instance
-    causes = (f.cause for f in one.verdict.findings if f.severity == "error" and f.side == "imu")
-    return one.best is None or any(cause is None or cause.imu in (None, own) for cause in causes)
+    causes = [f.cause for f in one.verdict.findings if f.severity == "error" and f.side == "imu"]
+    return {own if cause is None or cause.imu is None else cause.imu for cause in causes}
 
 
 def _assessed(flight: Flight, settings: Settings, imu: str) -> Assessment | None:
