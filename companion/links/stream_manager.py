@@ -315,7 +315,7 @@ class StreamManager:
             return
         self.started = started
         self.reported.append(f"vehicle {self.target} has rebooted: asking again")
-        self._earlier.forget({one.name for one in self.stream_requests if one.requested_s < started})  # gone, as ours are
+        self._earlier.forget({one.name for one in self.stream_requests if one.requested_s < started})
         self._start_again()
 
     def _notice_end(self, now: float) -> None:
