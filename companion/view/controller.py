@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 import viser
 
-from companion.model import Array
 from companion.present import palette
 from companion.view.charts.chart_pages import ChartPages, LiveCharts
 from companion.view.panels.controls import Controls, write
@@ -28,11 +27,11 @@ from companion.view.scene.cameras import (
     camera,
     grid_cell,
     readable_span,
-    screen_up,
     step_back,
     world,
 )
 from companion.view.scene.drone import WORLD
+from companion.view.scene.names import Picture, unseen
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.choice import EXTRA_PATHS, SHOWN, CameraMode, TrailSpan
@@ -150,12 +149,13 @@ class Browsers:
         browser = self._open.get(number)
         return None if browser is None else browser.pose
 
-    def last_moved(self) -> tuple[Array, Pose]:
-        """Where the camera that moved last is, and how its world stands: sizes and names are one for all browsers."""
+    def last_moved(self) -> Picture:
+        """What the camera that moved last sees: sizes and names are one for all browsers."""
         if not self._open:
-            return camera("Free", self.framing).position, UNMOVED
+            return unseen(camera("Free", self.framing))
         browser = max(self._open.values(), key=lambda b: b.client.camera.update_timestamp)
-        return browser.client.camera.position, browser.pose
+        seen = browser.client.camera
+        return Picture(seen.position, seen.look_at, (seen.image_width, seen.image_height), browser.pose)
 
 
 def _stand(client: viser.ClientHandle, mode: CameraMode, framing: Framing) -> None:
@@ -284,14 +284,13 @@ class Controller:
 
     def annotate(self, sample: Sample) -> float:
         """What a reader needs less often than an eye: names, sizes, the grid. Returns how large a drone is drawn, m."""
-        eye, pose = self.browsers.last_moved()
-        target = pose.apply(sample.position_ref)
-        apart = pose.apply(sample.position_imu) - target
-        distance, size = float(np.linalg.norm(eye - target)), SIZES.get(self._size.value, 1.0)
+        picture = self.browsers.last_moved()
+        distance = float(np.linalg.norm(picture.eye - picture.pose.apply(sample.position_ref)))
+        size = SIZES.get(self._size.value, 1.0)
         span = self.drone.span_m if size is None else readable_span(distance, self.drone.span_m, size)
         self.scene.expected.shown = bool(self._ellipsoid.value)
-        self.scene.annotate(sample, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
-        self.scene.seen_from(pose.back(eye))
+        self.scene.annotate(sample, span, picture)
+        self.scene.seen_from(picture.pose.back(picture.eye))
         self.scene.ground.rule(grid_cell(distance, self.scene.ground.cell))
         self.scene.extra_paths.choose({name: bool(box.value) for name, box in self.extra_path_boxes.items()})
         return span

@@ -18,6 +18,7 @@ from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
 from companion.view.scene.cameras import camera, frame, readable_span
 from companion.view.scene.drone import Move
+from companion.view.scene.names import unseen
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
@@ -94,7 +95,7 @@ def page(
             for i, sample in enumerate(display.samples(np.arange(display.start, display.end + 0.5 * step, step))):
                 recording.add(scene.moves(sample))
                 if i % ANNOTATED == 0:
-                    scene.annotate(sample, span, imu_above=True)
+                    scene.annotate(sample, span, unseen(view))
                 recording.wait(step)
         return recording.html(dark=dark)
     finally:

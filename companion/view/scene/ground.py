@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
+from companion.view.scene.names import Placed
 from companion.view.scene.trail import add_lines
 from companion.view.state.places import MapPicture
-from companion.view.state.sending import update
 
 GREY = (90, 90, 90)
 _EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
@@ -68,11 +66,11 @@ class Ground:
                 below = np.array([place[0], place[1], framing.ground])
                 lines.points, name.position = (below + ends).astype(np.float32), below
 
-    def give_way(self, drones: Sequence[Array], span: float) -> None:
-        """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
-        for lines, name in self._crosses:
-            update(name, visible=lines.visible and is_free(name.position, drones, span))
-        update(self._north_name, visible=is_free(self._north_name.position, drones, span))
+    @property
+    def names(self) -> list[tuple[Placed, bool]]:
+        """What is written on it, and whether there is such a thing."""
+        crosses = [((name, name.position), lines.visible) for lines, name in self._crosses]
+        return [*crosses, ((self._north_name, self._north_name.position), True)]
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
@@ -109,8 +107,3 @@ class Ground:
             self._cell = cell
             self._grid.cell_size = cell
             self._grid.section_size = 5 * cell
-
-
-def is_free(place: Array, drones: Sequence[Array], span: float) -> bool:
-    """Whether a name can stand there that no drone, drawn `span` m wide, nor its name would cover."""
-    return all(float(np.linalg.norm(drone - place)) > 1.2 * span for drone in drones)

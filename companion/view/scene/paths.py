@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME
 from companion.view.scene.cameras import between
-from companion.view.scene.ground import is_free
+from companion.view.scene.names import Placed
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.decimation import Indices, by_shape, evenly
@@ -81,10 +81,10 @@ class Overview:
         self._label.text = worst_words(worst)
         self._label.position = ends.mean(axis=0)
 
-    def give_way(self, names: Sequence[Array], span: float) -> None:
-        """Take the words away that others (NED, m) would cover, drawn about `span` m wide."""
-        there = self._display is not None and self._apart.visible
-        update(self._label, visible=there and is_free(self._label.position, names, span))
+    @property
+    def name(self) -> tuple[Placed, bool]:
+        """What is written at the worst place, and whether there is one."""
+        return (self._label, self._label.position), self._display is not None and self._apart.visible
 
     def show(self, t: float) -> None:
         """Draw where the IMU goes from the anchor before t, s, to the next."""

@@ -12,6 +12,7 @@ from companion.present import Rgb, length, palette
 from companion.view.scene.cameras import Framing
 from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Body, Move
 from companion.view.scene.ground import Ground
+from companion.view.scene.names import Picture, give_way
 from companion.view.scene.overlays import Arrows, Ellipsoid
 from companion.view.scene.paths import ExtraPaths, Overview
 from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
@@ -139,22 +140,31 @@ class Scene:
             moves += body.moves(other.q_imu, other.position_imu)
         return moves
 
-    def annotate(self, sample: Sample, span: float, *, imu_above: bool) -> None:
-        """What a reader needs less often than an eye: the length of the error line, the size of the drones.
+    def annotate(self, sample: Sample, span: float, picture: Picture) -> None:
+        """What a reader needs less often than an eye: the length of the error line, the size of the drones, and names.
 
-        The names stand outside: above the drone that is the upper one in the picture and below the other.
+        Those of the drones stand outside: above the one that is the upper one in the picture and below the other.
+        picture: what a camera sees, in which no name lies on another.
         """
+        imu, autopilot = picture.at(sample.position_imu), picture.at(sample.position_ref)
+        imu_above = imu is None or autopilot is None or imu[1] >= autopilot[1]
         self.imu.resize(span, name_at=-NAME if imu_above else NAME)
         self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
-        drones = [sample.position_imu, sample.position_ref]
-        self.ground.give_way(drones, span)
-        self.overview.give_way([*drones, np.mean(drones, axis=0)], span)
         self.arrows.resize(span)
         self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
         for i, (body, _) in enumerate(self._imus[1:], 2):
             body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
-        if not self._has_position:
-            return
+        if self._has_position:
+            self._name_distance(sample, span)
+        drones = [(self.imu, sample.position_imu), (self.autopilot, sample.position_ref)]
+        drones += [(body, body.position) for body, _ in self._imus[1 : 1 + len(self._others)]]
+        names = [(body.label, place + body.label.position) for body, place in drones]
+        names.append((self._error_name, sample.position_ref + self._error_name.position))
+        taken = [picture.around(place, span) for _, place in drones]
+        taken += [picture.box(name, place) for name, place in names if name.visible]
+        give_way(picture, taken, [self.overview.name, *self.ground.names])
+
+    def _name_distance(self, sample: Sample, span: float) -> None:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span

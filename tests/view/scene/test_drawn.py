@@ -11,9 +11,10 @@ import pytest
 
 from companion.strapdown import quaternion
 from companion.view import ReplayChoice, worst_stretch
-from companion.view.scene.cameras import frame_of
+from companion.view.scene.cameras import camera, frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.ground import Ground
+from companion.view.scene.names import Picture, unseen
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.places import MapPicture
@@ -32,7 +33,8 @@ class Drawn:
 
     def __getattr__(self, call: str) -> Callable[..., SimpleNamespace]:
         def keep(name: object = "", *values: Any, **named: Any) -> SimpleNamespace:
-            node = SimpleNamespace(**({"values": values, "visible": True, "text": "", "position": np.zeros(3)} | named))
+            label = {"text": values[0] if values else "", "anchor": "top-left", "font_screen_scale": 1.0}
+            node = SimpleNamespace(**({"values": values, "visible": True, "position": np.zeros(3)} | label | named))
             self.nodes[str(name)] = node
             return node
 
@@ -86,6 +88,33 @@ def test_the_words_at_the_worst_place_are_gone_where_those_of_the_instant_stand(
     worst = worst_stretch(DISPLAY.replay)
     assert worst is not None
     (words,) = (node for name, node in drawn.nodes.items() if name.endswith("/worst_name"))
+    whole = unseen(camera("Free", frame_of(DISPLAY)))
     for t, there in ((worst.end_s, False), (DISPLAY.start, True)):
-        scene.annotate(DISPLAY.at(t), 1.0, imu_above=True)
+        scene.annotate(DISPLAY.at(t), 1.0, whole)
         assert words.visible == there
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_name_lies_on_another_or_is_cut_off_at_a_side(seed: int) -> None:
+    """From wherever the flight is seen, on a phone too."""
+    random = np.random.default_rng(seed)
+    drawn: Any = Drawn()
+    scene = Scene(drawn, drone_for("QUADROTOR"))
+    framing = frame_of(DISPLAY)
+    scene.load(DISPLAY, framing, drone_for("QUADROTOR"), home=framing.centre)
+    eye = framing.centre + framing.distance * random.uniform([-1, -1, -1], [1, 1, -0.2])
+    picture = Picture(eye, framing.centre, (390.0, 844.0) if seed % 2 else (780.0, 900.0))
+    sample = DISPLAY.at(random.uniform(DISPLAY.start, DISPLAY.end))
+    scene.show(sample)
+    scene.annotate(sample, 0.1 * framing.distance, picture)
+    givers = [node for name, node in drawn.nodes.items() if name.endswith(("worst_name", "north_name", "home_name"))]
+    drones = [scene.imu.label, scene.autopilot.label]
+    places = [drone.place.position + drone.label.position for drone in (scene.imu, scene.autopilot)]
+    shown = [*zip(drones, places, strict=True), *((node, node.position) for node in givers)]
+    boxes = [picture.box(node, place) for node, place in shown if node.visible]
+    for i, box in enumerate(boxes):
+        assert box is not None
+        for other in boxes[max(i + 1, 2) :]:
+            assert other is not None
+            assert not box.overlaps(other)
+            assert picture.shows(other)
