@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from companion.analysis.finding import Cause
 from companion.constants import check
 
 Band = tuple[tuple[float, float, float, float], ...]
@@ -38,6 +39,7 @@ class LiveVerdict:
     was_consistent: bool = False  # whether it ever was, since then
     age_s: float = 0.0  # of its data, when it is read
     silent: bool = False  # whether nothing comes on the link then
+    cause: Cause | None = None  # of an alarm
 
     @property
     def is_stale(self) -> bool:

@@ -17,7 +17,18 @@ from companion.present.checks import (
     preflight_headline,
     preflight_table,
 )
-from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, headline, ranked, span
+from companion.present.findings import (
+    MOST_LINES,
+    FindingGroup,
+    Headline,
+    flight_words,
+    grouped,
+    headline,
+    lasting,
+    ranked,
+    span,
+    wrong,
+)
 from companion.present.formats import (
     SENSORS,
     autopilot_words,

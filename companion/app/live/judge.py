@@ -98,12 +98,11 @@ class Judge:
             return self.last
         changed = "" if before is None or flight.vehicle == before.vehicle else f"{before.vehicle} is silent. "
         self._judged = flight
-        status, text, expected = self._status_of(flight)
+        seen = self._status_of(flight)
+        status, text = seen.status, seen.text
         if changed and str(flight.vehicle) != last.vehicle:
             text = f"Vehicle {flight.vehicle} is judged from now on: {changed}{text}"
-        verdict = replace(
-            last, status=status, text=text, newest=self.newest, expected=expected, vehicle=str(flight.vehicle)
-        )
+        verdict = replace(seen, text=text, newest=self.newest, vehicle=str(flight.vehicle), alarms=last.alarms)
         if status in _SUSPECT:
             verdict = replace(verdict, alarms=_noted(last.alarms, self._since, status, text, self.newest))
             self._since = min(self._since, self.newest)
@@ -152,27 +151,27 @@ class Judge:
         self.others = tuple(str(one.vehicle) for one in newest.values() if one is not flight)
         return flight
 
-    def _status_of(self, flight: Flight) -> tuple[State, str, Band]:
+    def _status_of(self, flight: Flight) -> LiveVerdict:
         part = phases(flight)[-1]
         aligning = part.kind == "aligning" or (part.kind == "standing" and self._is_young(flight))
         if aligning and flight.attitude is not None:
             why = part.reason if part.kind == "aligning" else "it has booted less than a minute ago"
-            return "starting", f"the estimator is aligning ({why}): nothing is judged yet", ()
+            return LiveVerdict("starting", f"the estimator is aligning ({why}): nothing is judged yet")
         if part.kind == "impact":
             if part.end - part.start < _TURNS_S and self.last.status:
-                return self.last.status, self.last.text, self.last.expected
-            return "lost", f"{part.reason}: nothing is judged until it is in control again", ()
+                return self.last
+            return LiveVerdict("lost", f"{part.reason}: nothing is judged until it is in control again")
         try:
             verdict, expected = self.verdict_on(flight, self._imu_of(flight))
         except NothingYetError as reason:
-            return "starting", str(reason), ()
+            return LiveVerdict("starting", str(reason))
         except DataError as reason:
-            return "insufficient_data", str(reason), ()
+            return LiveVerdict("insufficient_data", str(reason))
         text = verdict.summary
         aloft = self._is_aloft(flight, part.kind)
         if (where := _WHERE.get(part.kind)) and not aloft:
             text = f"{text.removesuffix('.')} ({where})."
-        return verdict.status, text, expected
+        return LiveVerdict(verdict.status, text, expected=expected, cause=verdict.cause)
 
     def _is_young(self, flight: Flight) -> bool:
         """Whether its estimator may still be aligning: on the ground, disarmed, in the first minute since boot."""

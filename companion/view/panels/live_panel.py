@@ -48,7 +48,7 @@ class LivePanel:
         self.numbers = gui.add_html("")
         self.flight = gui.add_html("")
         self._checks = ChecksFolders(gui, before_takeoff=True)
-        with gui.add_folder("Dead reckoning"):
+        with gui.add_folder("Dead reckoning", expand_by_default=False):
             self.vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))
             integration_controls(controls, feed.choice.how, change)

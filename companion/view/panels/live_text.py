@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from companion.analysis import DriftRow, LiveVerdict, Statistic
-from companion.present import capitalised, clause, palette, words
+from companion.present import capitalised, clause, lasting, palette, words, wrong
 from companion.view.panels.markup import (
     PALE,
     badge,
@@ -31,12 +31,18 @@ _ALARMS = ("imu_suspect", "autopilot_suspect")
 def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if now.status and (now.is_stale or not state.problem):
-        silent = f" The link: {state.problem}." if state.problem else ""
-        text = f"{capitalised(clause(_with_age(now)))}{silent}"
-        return banner(now.status, capitalised(words(now.status)), text, stale=_is_dimmed(now))
+        old = f"link {state.problem}" if state.problem else f"as of {now.age_s:.0f} s ago" if now.is_stale else ""
+        return banner(now.status, _headline(now), capitalised(clause(now.text)), old, stale=_is_dimmed(now))
     if state.problem:
         return waiting(f"No verdict: {state.problem}")
     return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
+
+
+def _headline(now: LiveVerdict) -> str:
+    """What a pilot has to know first."""
+    if (cause := now.cause) is not None:
+        return f"{wrong(cause)}, {f'since {cause.onset_s:.0f} s' if cause.end_s is None else lasting(cause)}"
+    return "No IMU fault found" if now.status == "consistent" else capitalised(words(now.status))
 
 
 def link(state: LinkState, why_not: str, held_s: float | None) -> str:
@@ -121,9 +127,8 @@ def health(state: LinkState) -> str:
 
 
 def drift(rows: Sequence[DriftRow], now: LiveVerdict, others: Sequence[LiveVerdict] = ()) -> str:
-    """The verdicts now and so far, those on the other vehicles, and the drift table: medians."""
-    head = _verdict("Now", now.status, _with_age(now), stale=_is_dimmed(now))
-    head += _verdict("So far", *now.so_far)
+    """The verdict so far, those on the other vehicles now, and the drift table: medians."""
+    head = _verdict("So far", *now.so_far)
     head += "".join(_verdict(f"Vehicle {o.vehicle}", o.status, _with_age(o), stale=_is_dimmed(o)) for o in others)
     measured = (
         row((f"{r.horizon_s:g} s", r.windows, _median(r.attitude_deg, "°"), _median(r.position_m, " m")))

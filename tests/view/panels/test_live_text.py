@@ -6,7 +6,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from typing import cast
 
-from companion.analysis import LiveVerdict, State
+from companion.analysis import Cause, LiveVerdict, State
 from companion.present import palette
 from companion.view import LinkState, ReplayChoice, StreamState
 from companion.view.panels import live_text, markup
@@ -59,13 +59,16 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
 
     suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", newest=1.0, age_s=2.0)
     assert text(suspect).endswith("✗ IMU suspectStuck.")
-    assert text(replace(suspect, age_s=7.0)).endswith("Stuck. (as of 7\xa0s ago)")
+    assert text(replace(suspect, age_s=7.0)).endswith("IMU suspect as of 7\xa0s agoStuck.")
+    cause = Cause("gyro_bias", "imu", 45.1, sensor="gyro", axis="z")
+    assert text(replace(suspect, cause=cause)).endswith("✗ Gyro z wrong, since 45\xa0sStuck.")
+    assert text(replace(suspect, cause=replace(cause, end_s=60.0))).endswith("✗ Gyro z wrong, 45-60\xa0sStuck.")
     alarm, agreed = palette.css(markup.COLOURS["imu_suspect"]), palette.css(markup.COLOURS["consistent"])
     old = replace(suspect, age_s=7.0)
     for link in (LinkState("udpin:1"), LinkState("udpin:1", "silent for 7 s")):
         shown = live_text.verdict(replace(old, silent=bool(link.problem)), link, "")
         assert alarm in shown, "nothing has taken it back"
-        assert ("The link: silent" in shown) == bool(link.problem)
+        assert ("link silent for" in shown) == bool(link.problem)
     well = replace(old, status="consistent", text="IMU and autopilot agree.")
     assert agreed in live_text.verdict(replace(well, age_s=1.0), LinkState("udpin:1"), "")
     assert agreed not in live_text.verdict(well, LinkState("udpin:1"), ""), "and this is dimmed"
