@@ -19,7 +19,7 @@ from companion.view.state.choice import CameraMode
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end",
-    "A", "B", "F", "I", "J", "L", "M", "O", "P", "V",
+    "A", "B", "F", "I", "J", "L", "M", "O", "P", "V", "Z",
 ] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 """Keys that viser knows, of those that are used."""
 CAMERAS: dict[str, tuple[Key, CameraMode]] = {

@@ -184,8 +184,9 @@ def flight_data(sample: Sample, flight: Flight, lasting: Bands, *, has_position:
     armed = any(one.start_s <= sample.t <= one.end_s for one in lasting.armed)
     roll, pitch, yaw = np.degrees(quaternion.to_euler(sample.q_ref)).round().astype(int)
     since = max(sample.t - flight.start, 0.0)
-    clock = f", {int(since // 60)}:{since % 60:04.1f} of the log" if of_log else ""
-    rows = [("Time", f"{sample.t:.2f} s since boot{clock}")]
+    rows = [("Time", f"{sample.t:.2f} s since boot")]
+    if of_log:
+        rows.append(("In the log", f"{int(since // 60)}:{since % 60:04.1f}"))
     if flight.epoch is not None:
         rows.append(("UTC", time.strftime("%d %B %Y, %H:%M:%S", time.gmtime(flight.epoch.unix_s + sample.t))))
     if mode or lasting.armed:

@@ -53,7 +53,7 @@ class Bands:
     modes: tuple[Span, ...] = ()
     armed: tuple[Span, ...] = ()
     findings: tuple[Span, ...] = ()
-    height: tuple[Array, Array] | None = None  # (N,) s, boot clock, and (N,) m above the lowest
+    altitude: tuple[Array, Array] | None = None  # (N,) s, boot clock, and (N,) m above the origin
 
 
 def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
@@ -65,12 +65,11 @@ def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
         armed.insert(0, Span(display.start, switched[0][0], "armed"))
     findings = display.result.assessment.verdict.findings if display.result else ()
     spans = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
-    height = None
+    altitude = None
     if display.replay.has_position:
         some = np.unique(np.linspace(0, len(display.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
-        down = display.replay.position_ref[some, 2]
-        height = (display.replay.t[some], down.max() - down)
-    return Bands(tuple(modes), tuple(armed), spans, height)
+        altitude = (display.replay.t[some], -display.replay.position_ref[some, 2])
+    return Bands(tuple(modes), tuple(armed), spans, altitude)
 
 
 def outside(spans: Iterable[Span], low: float, high: float) -> str:
@@ -104,7 +103,7 @@ def markup(
         left = 100 * (max(start, low) - low) / (high - low)
         return left, 100 * (min(span.end_s, high) - low) / (high - low) - left
 
-    rows = [_profile(shown.height, low, high)]
+    rows = [_profile(shown.altitude, low, high)]
     if moment is not None and moment.end_s > low and moment.onset_s < high:
         rows.append(_box(*place(moment), 0, HEIGHT, (*palette.DIFFERENCE, 0.16)))
     for i, span in enumerate(shown.modes):
@@ -140,6 +139,7 @@ def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, mo
     rest = [spot(palette.SEVERITIES[s], severity_of(s)) for s in ("error", "warning", "info")
             if any(f.severity == s for f in shown.findings)]  # fmt: skip
     rest += [spot(palette.AXES[1], "armed", line)] if shown.armed else []
+    rest += [spot(palette.BAND, "altitude", "width:9px;height:9px;opacity:.5")] if shown.altitude else []
     if moment is not None:
         name = "selected" if moment.of_finding else "worst window, in σ"
         rest.append(spot(palette.DIFFERENCE, name, "width:9px;height:9px;opacity:.4"))
@@ -252,17 +252,18 @@ def _box(left: float, width: float, top: int, height: int, colour: tuple[int, in
     )
 
 
-def _profile(height: tuple[Array, Array] | None, low: float, high: float) -> str:
-    """The altitude above the lowest point as a pale hill, with the highest as a number."""
-    if height is None or height[1].max() <= 0:
+def _profile(altitude: tuple[Array, Array] | None, low: float, high: float) -> str:
+    """The altitude above the origin, or above the lowest point below it, as a pale hill; the highest as a number."""
+    if altitude is None or np.ptp(altitude[1]) <= 0:
         return ""
     top, tall = _HILL
-    most = float(height[1].max())
-    x, y = np.clip(100 * (height[0] - low) / (high - low), -100, 200), 100 - 100 * height[1] / most
+    t, up = altitude
+    most, least = float(max(up.max(), 0.0)), float(min(up.min(), 0.0))
+    x, y = np.clip(100 * (t - low) / (high - low), -100, 200), 100 - 100 * (up - least) / (most - least)
     points = " ".join(f"{a:.2f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
     return (
         f'<svg viewBox="0 0 100 100" preserveAspectRatio="none" style="position:absolute;left:0;width:100%;'
         f'top:{top}px;height:{tall}px">'
         f'<polygon points="{x[0]:.2f},100 {points} {x[-1]:.2f},100" fill="rgba(130,130,130,0.34)"/></svg>'
-        + _number(f"{significant(most)} m up", top + 6)
+        + _number(f"{most:.1f} m", top + 6)
     )

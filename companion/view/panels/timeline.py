@@ -45,11 +45,12 @@ class Timeline:
         gui, on = controls.gui, controls.on_change
         self._player = player
         self._span = (player.first, player.last)  # what the strip shows
+        self._near = self._span  # about what is pointed at
         self._moment: Moment | None = None
         self._played: tuple[float, float] | None = None
         self._curve: ErrorCurve | None = None
         self._colour = palette.IMU
-        actions = _actions(player, self.play)
+        actions = _actions(player, self.play, self.zoom)
         with panel.add_tab("Timeline", viser.Icon.TIMELINE):
             self._transport = gui.add_html(_STYLE)
             self._key = gui.add_html("")
@@ -107,6 +108,25 @@ class Timeline:
             if wide < (high - low) / 2:
                 middle = min(max((begin + end) / 2, low + wide / 2), high - wide / 2)
                 low, high = middle - wide / 2, middle + wide / 2
+        self._near = (low, high)
+        if moment is not None and moment.of_finding:
+            self._show_span(low, high)
+        else:
+            self._show_span(player.first, player.last)
+
+    @property
+    def _is_whole(self) -> bool:
+        return self._span == (self._player.first, self._player.last)
+
+    def zoom(self) -> None:
+        """Show the whole time, or what is about the part that is pointed at, else about the instant."""
+        player, (low, high) = self._player, self._near
+        if not self._is_whole:
+            low, high = player.first, player.last
+        elif not low <= player.time <= high:
+            wide = high - low
+            low = min(max(player.time - wide / 2, player.first), player.last - wide)
+            high = low + wide
         self._show_span(low, high)
 
     def play(self) -> None:
@@ -151,7 +171,8 @@ class Timeline:
         if not low - 0.01 <= player.time <= high + 0.01:
             self._show_span(player.first, player.last)
         write(self._time, round(player.time, 2))
-        update(self._transport, content=_STYLE + _transport(player, offered=self._played is not None))
+        zoom = "" if self._near == (player.first, player.last) else "zoom in" if self._is_whole else "whole flight"
+        update(self._transport, content=_STYLE + _transport(player, zoom, offered=self._played is not None))
 
     def _go_to(self, name: str) -> None:
         """To the event of which an entry of the list begins with the number."""
@@ -187,7 +208,7 @@ class Action(NamedTuple):
     kind: str = ""  # class of the button: "fine" is left out on a phone
 
 
-def _actions(player: Player, play: Call) -> tuple[Action, ...]:
+def _actions(player: Player, play: Call, zoom: Call) -> tuple[Action, ...]:
     """The buttons, from left to right, and their keys."""
     seek, step = player.seek_share, player.step
     back, on = partial(player.jump, forward=False), partial(player.jump, forward=True)
@@ -206,6 +227,7 @@ def _actions(player: Player, play: Call) -> tuple[Action, ...]:
         Action("anchor ›", "Next anchor", "pagedown", False, partial(on, "anchor"), "fine"),
         Action("event ›", "Next event", "arrowdown", False, partial(on, "event")),
         Action(_END, "To the end", "end", False, partial(seek, 1.0)),
+        Action("", "Zoom the strip", "Z", False, zoom),
         Action("", "Part: from here", "I", False, partial(player.cut, "from")),
         Action("", "Part: to here", "O", False, partial(player.cut, "to")),
         Action("", "Part: the whole", "B", False, partial(player.cut, "whole")),
@@ -216,13 +238,13 @@ _KEYS = {"arrowleft": "←", "arrowright": "→", "arrowup": "↑", "arrowdown":
          "pagedown": "Page down", "home": "Home", "end": "End", "space": "space"}  # fmt: skip
 
 
-def _transport(player: Player, *, offered: bool) -> str:
-    """The row of buttons. Each presses a key of the page: see page_head.js."""
+def _transport(player: Player, zoom: str, *, offered: bool) -> str:
+    """The row of buttons. Each presses a key of the page: see page_head.js. zoom: what its button says, "" for none."""
     buttons = []
-    for one in _actions(player, player.toggle):
-        if not one.icon or (one.kind == "main" and not offered):
+    for one in _actions(player, player.toggle, player.toggle):
+        icon, name = zoom if one.key == "Z" else one.icon, one.name
+        if not icon or (one.kind == "main" and not offered):
             continue
-        icon, name = one.icon, one.name
         if one.key == "space":
             icon, name = (_PAUSE, "Pause") if player.playing else (_PLAY, "Play")
         buttons.append(_button(icon, name, one.key, shift=one.shift, kind=one.kind))
@@ -232,7 +254,7 @@ def _transport(player: Player, *, offered: bool) -> str:
     ]
     buttons.append(
         '<button type="button" class="companion-link" onclick="companionCopyLink(this)" '
-        'title="The address of this instant, with the IMU that is integrated">copy link</button>'
+        'title="The address of this instant, with the IMU that is integrated">Copy link</button>'
     )
     return f'<div class="companion-transport"><i class="companion-play"></i>{"".join(buttons)}</div>'
 

@@ -46,10 +46,11 @@ class FindingsTab:
         """show: called with the browser, and the finding that is pressed in it."""
         gui = controls.gui
         self._status = gui.add_html("")
-        self._flights = gui.add_html("", visible=False)
         self._findings = [_FindingCard(controls, show) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
         self._could = gui.add_html("", visible=False)
+        with (folder := gui.add_folder("", visible=False, expand_by_default=False)):
+            self._flights = folder, gui.add_html("")
         self.checks = ChecksFolders(gui)
 
     def wait(self, text: str) -> None:
@@ -65,7 +66,9 @@ class FindingsTab:
             card.show(group)
         _write(self._more, [*([f"and {more} more, on the timeline"] if more else []), *([outside] if outside else [])])
         flights = verdict.flights if verdict else ()
-        _write(self._flights, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
+        folder, each = self._flights
+        update(folder, visible=bool(flights), label=f"{len(flights)} flights in this log")
+        _write(each, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
         could = result.assessment.sensitivity if result else None

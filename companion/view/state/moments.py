@@ -72,7 +72,9 @@ class Moment:
         return float(near[0]) if len(near) else self.begins_s
 
     def opens_at(self, display: DisplayTrajectory) -> float:
-        """Where the page opens at it: where the error is largest of what is played."""
+        """Where the page opens at it: where the error is largest of what is played, or at the end of a window."""
+        if not self.of_finding:
+            return self.strongest_s
         curve = since_anchor(display, self.error)
         begin = self.begins_at(display.replay.anchors)
         played = np.flatnonzero((curve.t >= max(self.onset_s, begin)) & (curve.t < begin + PLAYED_S))

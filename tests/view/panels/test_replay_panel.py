@@ -51,7 +51,7 @@ def test_what_the_vehicle_does_at_the_instant() -> None:
 
     early, late = at(BOOT + 20.0), at(BOOT + 40.0)
     assert "28 November 2026, 21:05:30" in early
-    assert "0:21.0 of the log" in early
+    assert 'In the log</td><td><span style="white-space:normal">0:21.0<' in early
     assert "&lt;b&gt;AUTO" in early
     assert (", armed" in early, ", disarmed" in late) == (True, True)
     speed = float(np.hypot(*display.at(BOOT + 20.0).velocity_ref[:2]))

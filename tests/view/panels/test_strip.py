@@ -34,8 +34,7 @@ def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
         (BOOT + 20.0, display.end, "LAND"),
     ]
     assert [(s.start_s, s.end_s) for s in found.armed] == [(BOOT + 10.0, BOOT + 40.0)]
-    assert found.height is not None
-    assert found.height[1].min() == 0.0
+    assert found.altitude is not None
 
 
 def test_what_was_armed_before_the_log_began_is_armed_from_its_start() -> None:
@@ -77,11 +76,13 @@ def test_names_are_text() -> None:
 def test_the_hill_is_highest_where_the_vehicle_was() -> None:
     flight = make_flight()
     display = display_of(flight)
-    height = bands(flight, display).height
-    assert height is not None
+    altitude = bands(flight, display).altitude
+    assert altitude is not None
     up = -display.replay.position_ref[:, 2]
-    assert height[0][height[1].argmax()] == pytest.approx(display.replay.t[up.argmax()], abs=1.0)
-    assert height[1].max() == pytest.approx(up.max() - up.min(), abs=0.05)
-    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), display.start, display.end))[1:-1]
+    assert altitude[0][altitude[1].argmax()] == pytest.approx(display.replay.t[up.argmax()], abs=1.0)
+    assert altitude[1].max() == pytest.approx(up.max(), abs=0.05)
+    drawn = markup(Bands(altitude=altitude), display.start, display.end)
+    assert f">{up.max():.1f} m<" in drawn
+    points = re.findall(r"([\d.]+),([\d.]+)", drawn)[1:-1]
     top = min(points, key=lambda point: float(point[1]))
     assert float(top[0]) == pytest.approx(100 * (display.replay.t[up.argmax()] - display.start) / 60.0, abs=2.0)
