@@ -19,12 +19,15 @@ _SWITCHED = {
 }
 
 
-def lane_lines(lanes: Lanes) -> Iterator[str]:
-    """What is to be said of them, a sentence each: untrusted nowhere, as all names are ours."""
+def lane_lines(lanes: Lanes, *, in_table: bool = False) -> Iterator[str]:
+    """What is to be said of them, a sentence each: untrusted nowhere, as all names are ours.
+
+    in_table: whether a table below has what each lane would have done.
+    """
     named = (one.name + ("" if one.imu is None else f" (IMU {one.imu})") for one in lanes.lanes)
     yield f"Lanes: {', '.join(named)}"
     yield from judgement_lines(lanes)
-    if lanes.spans:
+    if lanes.spans and not in_table:
         yield from counterfactual_words(lanes.spans[0])
     yield from (f"Note: {note}" for note in lanes.notes)
 

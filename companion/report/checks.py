@@ -12,6 +12,7 @@ from companion.app.sensors import preflight_of
 from companion.model import DataError, words
 from companion.present import (
     capitalised,
+    details,
     html_table,
     lane_lines,
     lane_table,
@@ -39,13 +40,13 @@ def lanes_section(subject: Subject) -> list[Section]:
         return []
     lanes, best = judged
     body = paragraph(f"By the best estimate of {best.imu.source}, which none of the lanes is part of.")
-    body += "".join(map(paragraph, lane_lines(lanes)))
+    body += "".join(map(paragraph, lane_lines(lanes, in_table=True)))
     for i, span in enumerate(lanes.spans):
         if span.lanes:
-            title = f"{capitalised(words(span.what))}, {span.start_s:.1f}-{span.end_s:.1f} s"
-            body += f"<h3>{text(title)}: error, 95 %, ± of the estimate</h3>" + html_table(
-                lane_table(span), f"lanes{i}"
-            )
+            when = f"{capitalised(words(span.what))}, {span.start_s:.1f}-{span.end_s:.1f} s"
+            each = html_table(lane_table(span), f"lanes{i}")
+            title = f"{when}: each lane would have stayed within this for 95 % of it, ± of the estimate"
+            body += details(when, each) if i else f"<h3>{text(title)}</h3>{each}"
     return [Section("lanes", "Lanes of the estimator", body + _chart(subject, lanes))]
 
 

@@ -25,8 +25,9 @@ from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 
 _RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
-_SENSED = ("imu_lag", "gps", "compass", "barometer", "heading", "tilt", "position", "velocity", "height", "declination")
-"""In a kind: what does not show in the times of the samples; all but the first where both have gone."""
+_OF_IMU = ("gyro", "accel", "imu_lag")  # in a kind: what shows in what the IMU read, not in when
+_SENSED = ("gps", "compass", "barometer", "heading", "tilt", "position", "velocity", "height", "declination")
+"""In a kind: what shows where both have gone."""
 _FREE_S = 30.0  # up to which the IMU alone is a yardstick
 _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
@@ -84,9 +85,9 @@ def _drawn(subject: Subject, group: FindingGroup) -> str:
 
 def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tuple[list[traces.Panel], str]:
     """What there is to see of a finding between two times, s."""
-    if finding.side == "data" and not any(word in finding.kind for word in _SENSED):
+    if finding.side == "data" and not any(word in finding.kind for word in (*_OF_IMU, *_SENSED)):
         return _intervals(subject, low, high), "Time between two samples of the IMU."
-    if finding.side == "autopilot" or any(word in finding.kind for word in _SENSED[1:]):
+    if finding.side == "autopilot" or any(word in finding.kind for word in _SENSED):
         caption = "The IMU alone, from the autopilot's state on, and the autopilot."
         return _errors(subject, finding.kind, low, high), caption
     if not any(part in finding.kind for part in _RAW) and (panels := _differences(subject, low, high)):

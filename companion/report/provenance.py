@@ -34,8 +34,8 @@ def sections(
 ) -> list[Section]:
     """The log, and how to make the report again. imu_gaps: of each IMU; chosen: see `choices`."""
     return [
-        Section("log", "The log", _log(source, flight, imu_gaps, notes)),
-        Section("again", "Reproduce this report", _again(source, settings, command, chosen)),
+        Section("log", "The log", _log(source, flight, imu_gaps, notes), folded=True),
+        Section("again", "Reproduce this report", _again(source, settings, command, chosen), folded=True),
     ]
 
 

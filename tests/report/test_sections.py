@@ -1,13 +1,18 @@
-"""Lanes have a section where the log has several, and the checks before take-off where a vehicle only stands."""
+"""Sections that some flights have, lanes and checks before take-off, and the charts of findings."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from companion.analysis import Finding
+from companion.app.examination import examine
+from companion.app.recording import read_recording
+from companion.report import report_html
 from tests.recordings import recording
-from tests.report.pages import Contents, report
+from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import resting
 
 pytestmark = pytest.mark.slow
@@ -25,3 +30,16 @@ def test_a_vehicle_that_only_stands_has_its_checks(tmp_path: Path) -> None:
     contents = Contents(report(resting(tmp_path / "resting.tlog"), tmp_path / "page.html", "--no-playback"))
     assert "preflight" in contents.sections
     assert "lanes" not in contents.sections
+
+
+@pytest.mark.parametrize(("kind", "shows"), [("accel_bias", "IMU minus what"), ("samples_irregular", "Time between")])
+def test_the_chart_of_a_finding_is_of_that_finding(kind: str, shows: str) -> None:
+    """Also of one that accuses nobody for certain."""
+    read = read_recording(DEMO)
+    (flight,), source = read.flights, read.source
+    examined = examine(flight)
+    finding = Finding(kind, "data", "warning", flight.start + 10.0, flight.start + 40.0, "perhaps", "")
+    assessment = examined.assessment
+    assessment = replace(assessment, verdict=replace(assessment.verdict, findings=(finding,)))
+    page = report_html(replace(examined, assessment=assessment), source, with_playback=False)
+    assert shows in Contents(page).sections["findings"]
