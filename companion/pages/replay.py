@@ -19,6 +19,7 @@ from companion.analysis import (
     ImuNoise,
     Integration,
     Replay,
+    Verdict,
     errors,
     expected_since_anchor,
     imu_noise,
@@ -80,6 +81,10 @@ class Answers:
         seen = flight.with_imu(track)
         others = {name: self._replay(flight, name, choice, how) for name in choice.others}
         return display_trajectory(self._replay(seen, choice.imu, choice, how), track, others)
+
+    def judge(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Verdict:
+        """The verdict on what is shown; the rest of its analysis is made by `examine`, which goes on from it."""
+        return self._examination(flight, choice, display).assessment.verdict
 
     def examine(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
         """The analysis of what is shown: the same numbers as `companion analyze`."""
@@ -209,6 +214,7 @@ def open_replay(
         offer=Offer(
             horizons,
             answers.correction_file,
+            answers.judge,
             answers.check,
             partial(answers.report, source) if source is not None else None,
             settings.view.map_url,

@@ -24,6 +24,7 @@ from companion.view.state.feed import Feed
 from companion.view.state.player import Player
 
 POSE_HZ = 30.0
+_SOONEST_S = 0.01  # from one turn to the next, however fast a browser calls
 _log = logging.getLogger(__name__)
 _MOST_FAILED = 10  # turns, one behind the other
 
@@ -48,10 +49,10 @@ class Page(Generic[Behind]):
         token: bool = False,
     ) -> None:
         self._address = find_address(host, port, or_next=or_next, token=token)
-        calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
-        self._calls, self.post = calls, calls.put  # post: do what a control of the page would do
+        self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
+        self._called = threading.Event()  # there is a call, or it is stopped
         self._server = open_server(
-            self._address, lambda t, imu, again: calls.put(lambda: self.controller.visit(t, imu, again=again))
+            self._address, lambda t, imu, again: self.post(lambda: self.controller.visit(t, imu, again=again))
         )
         self._address = replace(self._address, port=self._server.get_port())
         self._stopping = threading.Event()
@@ -67,14 +68,19 @@ class Page(Generic[Behind]):
 
         @self._server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            calls.put(lambda: self.controller.join(client.client_id))
+            self.post(lambda: self.controller.join(client.client_id))
 
         @self._server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            calls.put(lambda: self.controller.browsers.leave(client.client_id))
+            self.post(lambda: self.controller.browsers.leave(client.client_id))
 
         self._thread = threading.Thread(target=self._loop, name="companion-view", daemon=True)
         self._thread.start()
+
+    def post(self, call: Call) -> None:
+        """Do what a control of the page would do, without waiting for the next turn."""
+        self._calls.put(call)
+        self._called.set()
 
     @property
     def port(self) -> int:
@@ -119,6 +125,7 @@ class Page(Generic[Behind]):
     def close(self) -> None:
         """Stop the view thread, the workers and the server. A second call does nothing."""
         self._stopping.set()
+        self._called.set()
         if self._closed:
             return
         self._closed = True
@@ -167,12 +174,14 @@ class Page(Generic[Behind]):
             while not self._stopping.is_set():
                 now = time.monotonic()
                 # What changes together has to arrive together: a chart with a line too many for its data fails.
+                self._called.clear()
                 with self.controller.atomic():
                     while not self._calls.empty():
                         self._attempt(self._calls.get())
                     self._turn(now, now - before)
                 before = now
-                self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
+                self._called.wait(max(0.0, self._period - (time.monotonic() - now)))
+                self._stopping.wait(max(0.0, _SOONEST_S - (time.monotonic() - now)))
                 self.controller.wait()
         except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread
             self._failure = error

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import viser
 
-from companion.analysis import Finding
+from companion.analysis import Finding, Verdict
 from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
@@ -71,7 +71,8 @@ class ReplayController(Controller):
     ) -> None:
         self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
         self._requested = choice  # last: what is shown may still be the one before
-        self._recompute, self._analyse, self._check, self._report = recompute, examine, offer.check, offer.report
+        self._recompute, self._analyse, self._report = recompute, examine, offer.report
+        self._judge, self._check = offer.judge, offer.check
         # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
@@ -239,6 +240,20 @@ class ReplayController(Controller):
 
     def _examine(self) -> None:
         self._examine_at = np.inf
+        if (judge := self._judge) is None:
+            self._examine_all()
+        else:
+            self._examiner.request(partial(judge, self._flight, self._choice, self._display), self._take_verdict)
+
+    def _take_verdict(self, verdict: Verdict | CompanionError) -> None:
+        """The verdict has come; what it rests on follows."""
+        if isinstance(verdict, CompanionError):
+            self._wait(str(verdict))
+            return
+        self._panel.judge(verdict)
+        self._examine_all()
+
+    def _examine_all(self) -> None:
         self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
 
     def _take_result(self, result: AnalysisResult | CompanionError) -> None:

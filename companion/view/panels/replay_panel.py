@@ -9,6 +9,7 @@ from html import escape
 
 import numpy as np
 
+from companion.analysis import Verdict
 from companion.model import Flight, of_kind
 from companion.present import Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
@@ -40,9 +41,12 @@ class Panel:
         self._flight, self._lasting = flight, lasting
         self.choose_flight(flight)
         if display.result is not None:
-            verdict = display.result.assessment.verdict
-            head = headline(verdict)
-            self._banner.content = banner(verdict.status, head.sentence, head.detail, head.probability)
+            self.judge(display.result.assessment.verdict)
+
+    def judge(self, verdict: Verdict) -> None:
+        """Write the verdict over the picture."""
+        head = headline(verdict)
+        self._banner.content = banner(verdict.status, head.sentence, head.detail, head.probability)
 
     def introduce(
         self, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]

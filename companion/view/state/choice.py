@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, gravity_for
+from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, Verdict, gravity_for
 from companion.model import Flight, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct
 from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, FlightChecks
@@ -70,6 +70,8 @@ Recompute = Callable[[Flight, ReplayChoice], DisplayTrajectory]
 """Dead-reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
 Examine = Callable[[Flight, ReplayChoice, DisplayTrajectory], AnalysisResult]
 """The analysis of what was dead-reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+Judge = Callable[[Flight, ReplayChoice, DisplayTrajectory], Verdict]
+"""Its verdict alone, which is known seconds before the rest. Raises and runs likewise."""
 Check = Callable[[Flight, ReplayChoice, DisplayTrajectory], FlightChecks]
 """Its lanes and the checks before take-off; after the analysis, in the same thread."""
 Report = Callable[[Flight, ReplayChoice, DisplayTrajectory], str]
@@ -82,6 +84,7 @@ class Offer:
 
     horizons_s: tuple[float, ...] = HORIZONS_S  # of the drift table
     correction_file: str | None = None  # the name of one that was given
+    judge: Judge | None = None  # the verdict before the rest of the analysis; None: it comes with that
     check: Check | None = None  # what else is said of a flight; None: nothing
     report: Report | None = None  # makes the report of what is shown
     map_url: str | None = None  # template of a map's tiles; None: there is no map
