@@ -96,7 +96,7 @@ def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]
     causes = []
     if assessment is not None:
         errors = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
-        causes = [Moment(f.cause.onset_s, "cause", f.evidence) for f in errors if f.cause is not None]
+        causes = [Moment(f.cause.onset_s, "cause", f.headline or f.evidence) for f in errors if f.cause is not None]
     lanes = [Moment(r.t, "lane_switch", r.text) for r in flight.resets if r.kind == "lane"]
     return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))
 

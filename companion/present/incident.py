@@ -119,7 +119,7 @@ def _markdown(incident: Incident, flight: Flight, verdict: str, name: str) -> It
     yield ""
     yield from _table(("cause", "probability", "what speaks for it"), list(cause_lines(incident)))
     yield ""
-    yield "### What they did"
+    yield "### What sensors and controls did"
     yield ""
     yield from (f"- **{_escaped(what)}**: {_escaped(said)}" for what, said in facts(incident))
     yield ""

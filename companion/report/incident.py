@@ -42,7 +42,7 @@ def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None,
     sections = [
         Section("causes", "Probable causes", table(titles, cause_lines(incident), words=3)),
         Section("charts", "The seconds around it", figure),
-        Section("facts", "What they did", table(("", ""), facts(incident), words=2)),
+        Section("facts", "What sensors and controls did", table(("", ""), facts(incident), words=2)),
         Section("timeline", "Timeline", table(("time", "", "text"), timeline(incident), words=3)),
     ]  # fmt: skip
     head = f"<header><h1>{text(heading(incident))}</h1>" + paragraph(f"{vehicle_words(flight.vehicle)}, log {name}")
@@ -114,7 +114,7 @@ def _attitudes(
             part = window(t, start, stop)
             if len(t[part]) > 1:
                 lines.append(
-                    traces.line(t[part] - zero, np.degrees(quaternion.to_euler(q[part])[:, axis]), source, colour)
+                    traces.line(t[part] - zero, np.degrees(np.unwrap(quaternion.to_euler(q[part])[:, axis])), source, colour)
                 )
         if lines:
             yield traces.Panel(f"{name}, °", lines)

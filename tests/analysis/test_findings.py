@@ -247,7 +247,7 @@ def test_the_vehicles_own_vibration_and_clip_counts() -> None:
     found = assess(flown(series={"vibration": vibration(40.0, 7.0)}), GENERIC)
     shaken, clipped = of_kind(found, "vibration"), of_kind(found, "clipping_counted")
     assert shaken.severity == "warning"
-    assert "shaking of 40 m/s² as a rule, 40 at most, by VIBRATION" in shaken.evidence
+    assert "vibration 40 m/s² typical, 40 peak (limit 30), by VIBRATION" in shaken.evidence
     assert clipped.start_s == pytest.approx(40, abs=0.6)
     assert "7 readings" in clipped.evidence
     quiet = assess(flown(series={"vibration": vibration(3.0, 0.0)}), GENERIC)
@@ -424,7 +424,7 @@ def test_vibration_in_the_samples() -> None:
     imu = flight.imu()
     shake = 20.0 * np.sin(2 * np.pi * 33.0 * imu.t)[:, None] * [0.3, 0.3, 1.0]
     said = of_kind(assess(with_imu(flight, accel=imu.accel + shake), GENERIC), "vibration")
-    assert said.evidence.startswith("shaking of 14 m/s² as a rule")  # 20 / √2
+    assert said.evidence.startswith("vibration 14 m/s² typical")  # 20 / √2
 
 
 def test_a_jump_is_told_with_what_the_vehicle_said() -> None:

@@ -180,16 +180,15 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
     usual, most = np.percentile(worst[strong], [50, 100])
     severity: Severity = "warning" if most > harm.VIBRATION_LIMIT or high < harm.VIBRATION_HIGH else "info"
     x, y, z = np.median(each[strong], axis=0)
-    suffers = f"above {harm.VIBRATION_LIMIT:.0f} the estimator suffers"
-    limit = suffers if high == harm.VIBRATION_HIGH else "the vehicle shakes more than they show"
+    more = "" if high == harm.VIBRATION_HIGH else "; the vehicle shakes more than they show"
     yield Finding(
         "vibration",
         "imu",
         severity,
         float(t[strong][0]),
         float(t[strong][-1]),
-        f"shaking of {usual:.0f} m/s² as a rule, {most:.0f} at most, by {source} (x {x:.0f}, y {y:.0f}, z {z:.0f}); "
-        + limit,
+        f"vibration {usual:.0f} m/s² typical, {most:.0f} peak (limit {harm.VIBRATION_LIMIT:.0f}), by {source}: "
+        f"x {x:.0f}, y {y:.0f}, z {z:.0f}{more}",
         "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
         "looks like motion.",
     )
