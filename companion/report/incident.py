@@ -114,7 +114,9 @@ def _attitudes(
             part = window(t, start, stop)
             if len(t[part]) > 1:
                 lines.append(
-                    traces.line(t[part] - zero, np.degrees(np.unwrap(quaternion.to_euler(q[part])[:, axis])), source, colour)
+                    traces.line(
+                        t[part] - zero, np.degrees(np.unwrap(quaternion.to_euler(q[part])[:, axis])), source, colour
+                    )
                 )
         if lines:
             yield traces.Panel(f"{name}, °", lines)

@@ -230,7 +230,10 @@ def preflight_markup(result: Preflight) -> str:
 
 
 def lanes_markup(lanes: Lanes) -> str:
-    """Which lane flew and should have flown, each switch, and what each lane was off by: a column for each lane."""
+    """Which lane flew and should have flown, each switch, and what each lane was off by: a column for each lane.
+
+    The last one has the standard deviation of the best estimate, from which all of them are counted.
+    """
     markup = block("".join(f'<div style="margin-bottom:0.4em">{escape(one)}</div>' for one in judgement_lines(lanes)))
     for span in lanes.spans:
         if span.lanes:
@@ -238,12 +241,18 @@ def lanes_markup(lanes: Lanes) -> str:
             columns = lane_table(span).columns[1:]
             head = title(f"{escape(capitalised(words(span.what)))}, {span.start_s:.1f}-{span.end_s:.1f} s: error, 95 %")
             cells = (
-                (escape(column.title), *(wrapped(escape(str(cell))) for cell in of))
+                (escape(column.title), *_apart([str(cell) for cell in of]))
                 for column, of in zip(columns, rows, strict=True)
                 if any(of)
             )
-            markup += head + table(("", *(wrapped(escape(str(name))) for name in names)), map(row, cells))
+            markup += head + table(("", *(wrapped(escape(str(name))) for name in names), "±"), map(row, cells))
     return markup
+
+
+def _apart(cells: Sequence[str]) -> list[str]:
+    """What each lane is off by, and once what is not known of it."""
+    sizes = [escape(cell.partition(" ± ")[0]) for cell in cells]
+    return [*sizes, next((escape(sigma) for _, _, sigma in (cell.partition(" ± ") for cell in cells) if sigma), "")]
 
 
 def _pale(markup: str) -> str:
