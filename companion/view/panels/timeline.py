@@ -171,7 +171,7 @@ class Timeline:
         if not low - 0.01 <= player.time <= high + 0.01:
             self._show_span(player.first, player.last)
         write(self._time, round(player.time, 2))
-        zoom = "" if self._near == (player.first, player.last) else "zoom in" if self._is_whole else "whole flight"
+        zoom = "" if self._near == (player.first, player.last) else "Zoom in" if self._is_whole else "Whole flight"
         update(self._transport, content=_STYLE + _transport(player, zoom, offered=self._played is not None))
 
     def _go_to(self, name: str) -> None:

@@ -31,7 +31,7 @@ from companion.present import (
     significant,
 )  # fmt: skip
 from companion.view.panels.controls import Controls
-from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, wrapped
+from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, unbroken, wrapped
 from companion.view.state.marks import short
 from companion.view.state.sending import update
 from companion.view.state.trajectory import AnalysisResult, FlightChecks
@@ -79,7 +79,7 @@ class FindingsTab:
 def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:
     """Each in a line of its own; without any the place is hidden."""
     handle.visible = bool(texts)
-    handle.content = block(lines(map(escape, texts)))
+    handle.content = block(lines(map(unbroken, texts)))
 
 
 def drift_tab(result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> str:
@@ -115,7 +115,7 @@ class _FindingCard:
         when = f"{group.when}: " if group.when else ""
         advice = f'<div style="margin-top:0.3em"><b>What to do:</b> {escape(finding.advice)}</div>'
         self._evidence.content = block(
-            f"{when}{escape(str(group))}{advice if finding.advice and finding.severity != 'info' else ''}"
+            f"{when}{unbroken(str(group))}{advice if finding.advice and finding.severity != 'info' else ''}"
         )
 
 
