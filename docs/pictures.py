@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "images"
@@ -67,7 +67,7 @@ def replayed(browser: Browser, name: str, log: str, size: tuple[int, int], then:
 
 def keep(page: Page, name: str) -> None:
     """Write it, as a JPEG where its name says so; of the page with the tables their panel alone."""
-    panel = {"x": 0, "y": 0, "width": 334, "height": 688} if name == "viewer-verdict.jpg" else None
+    panel = FloatRect(x=0, y=0, width=334, height=688) if name == "viewer-verdict.jpg" else None
     with tempfile.TemporaryDirectory() as folder:
         page.screenshot(path=f"{folder}/page.png", clip=panel)
         picture = Image.open(f"{folder}/page.png").convert("RGB")

@@ -318,6 +318,18 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
         until(lambda: viewer.player.time == BOOT + 30.0, "the instant")
 
 
+def test_names_have_no_white_ground_on_a_dark_page(browser: Browser, flight: Flight) -> None:
+    """viser draws them black on white, 1,500 pixels for each; nothing else in the picture is as white."""
+    with Viewer([flight], recompute, examine, port=0) as viewer, new_page(browser, color_scheme="dark") as page:
+        visit(page, viewer)
+
+        def picture() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+            return shoot(page, "dark-names")[120:560, 350:930]
+
+        until(lambda: near(picture(), (230, 97, 1)) > 200, "the drones")
+        assert near(picture(), (255, 255, 255)) < 300
+
+
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
