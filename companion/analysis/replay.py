@@ -53,9 +53,7 @@ class Replay:
     anchors: Array  # (A,) s, where the dead reckoning was (re)started from the autopilot's state
     has_position: bool
     reference_valid: BoolArray  # (N,) False where the autopilot's messages have a gap: its state is interpolated
-    from_rest: bool = (
-        False  # it began from the IMU's own alignment at rest, not from the autopilot's state
-    )
+    from_rest: bool = False  # it began from the IMU's own alignment at rest, not from the autopilot's state
 
 
 def replay(
