@@ -75,6 +75,7 @@ def both_drawn(page: Page) -> bool:
 
 def dead_reckon_otherwise(page: Page) -> None:
     """From another IMU, by another integrator, and back again."""
+    unfold(page, "Dead reckoning")
     choose(page, "IMU", "SCALED_IMU2")
     expect(page.get_by_text("vehicle 1:1, boot 1, SCALED_IMU2")).to_be_visible()
     choose(page, "Integrator", "Euler (simplest)")
