@@ -268,7 +268,7 @@ def test_an_axis_and_counts_that_the_vehicle_does_not_tell() -> None:
     values[:, 0] = np.nan
     values[told.t > 50, 3] = 2.0  # the counter began anew
     found = assess(flown(series={"vibration": replace(told, values=values)}), GENERIC)
-    assert "(x 0, y 40, z 40)" in of_kind(found, "vibration").evidence
+    assert "x 0, y 40, z 40" in of_kind(found, "vibration").evidence
     assert "7 readings" in of_kind(found, "clipping_counted").evidence
 
 

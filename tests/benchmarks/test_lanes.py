@@ -21,7 +21,7 @@ def test_a_lane_is_off_by_what_it_is_put_off_by() -> None:
     turn = np.asarray(quaternion.exp(np.tile([0.03, 0.04, 0.2], (len(T), 1))))
     lane = EstimatorLane(T, turn, STILL + [3.0, 4.0, 9.0], STILL + [7.0, 0.0, 0.0], "EKF3 core 0", 0)
     sizes = true_sizes(lane, TRUTH, 5.0, 15.0)
-    assert sizes == pytest.approx({"tilt": 0.05, "heading": 0.2, "velocity": 5.0, "position": 0.0})
+    assert sizes == pytest.approx({"tilt": 0.05, "heading": 0.2, "velocity": 5.0, "position": 0.0, "height": 0.0})
     unknown = replace(lane, velocity=STILL * np.nan, position=STILL * np.nan)
     assert set(true_sizes(unknown, TRUTH, 5.0, 15.0)) == {"tilt", "heading"}
 
