@@ -209,7 +209,7 @@ def others() -> list[Any]:
 def screens_of(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Screens | None:
     """None of a recording that cannot be examined. Read and examined once, for both screens."""
     monkeypatch.setattr("companion.cli.options.read_recording", once(read_recording))
-    monkeypatch.setattr("companion.cli.analyze.examine", once(examine))
+    monkeypatch.setattr("companion.app.examination.examine", once(examine))
     if main(["analyze", str(path)]) != 0:
         return None
     short = " ".join(capsys.readouterr().out.split())

@@ -286,7 +286,7 @@ def test_every_recording_goes_through(
     """With a result, or with a sentence and exit code 2: never a traceback. Read once, printed twice."""
     log = str(beginning(path, tmp_path))
     monkeypatch.setattr("companion.cli.options.read_recording", once(read_recording))
-    monkeypatch.setattr("companion.cli.analyze.examine", once(examine))
+    monkeypatch.setattr("companion.app.examination.examine", once(examine))
     for json_too in ([], ["--json"]):
         code = main([command, log, *json_too])
         said = capsys.readouterr()
