@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, IntArray, Windows, errors
+from companion.analysis.comparison import Comparison, IntArray, Windows, errors, means_between
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import InterpolationError
 from companion.constants import num
@@ -150,14 +150,8 @@ def window_noise(track: ImuTrack, chosen: Windows) -> Array:
     for sensor, readings in enumerate((track.gyro, track.accel)):
         for axis in readings.T:
             np.square(np.diff(axis, n=2), out=square[2:])
-            most[:, sensor] = np.maximum(most[:, sensor], _means(square, chosen.start, chosen.end) / 6.0)
+            most[:, sensor] = np.maximum(most[:, sensor], means_between(square, chosen.start, chosen.end + 1) / 6.0)
     return np.asarray(np.sqrt(most / track.rate_hz))
-
-
-def _means(values: Array, start: IntArray, end: IntArray) -> Array:
-    """(W,) means of values (N,) of samples, each from `start` to `end`, which is in it."""
-    edges = np.column_stack((start, end + 1)).ravel()
-    return np.asarray(np.add.reduceat(np.append(values, 0.0), edges)[::2] / (end + 1 - start))
 
 
 def persistent_step_error(readings: Array, step: float) -> Array:
@@ -185,8 +179,8 @@ def _step_errors(readings: Array, step: float, start: IntArray, end: IntArray) -
     """
     if step == 0.0:
         return np.zeros((len(start), 3))
-    signs = np.column_stack([_means(np.sign(axis), start, end) for axis in readings.T])
-    zeros = np.column_stack([_means(axis == 0.0, start, end) for axis in readings.T])
+    signs = np.column_stack([means_between(np.sign(axis), start, end + 1) for axis in readings.T])
+    zeros = np.column_stack([means_between(axis == 0.0, start, end + 1) for axis in readings.T])
     return np.asarray(step * np.sqrt((0.5 * signs) ** 2 + zeros**2 / 3))
 
 
@@ -232,7 +226,7 @@ def _mean_square_rate(t: Array, readings: Array, chosen: Windows) -> Array:
     rate, apart = np.zeros(len(t)), t[2:] - t[:-2]
     for axis in readings.T:
         rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
-    return np.asarray(_means(rate, chosen.start, chosen.end) / readings.shape[1])
+    return np.asarray(means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1])
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}

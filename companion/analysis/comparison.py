@@ -25,6 +25,14 @@ from companion.strapdown import Preintegration, Propagation, Sums, error_sums, j
 IntArray = npt.NDArray[np.intp]
 
 
+def means_between(values: Array | BoolArray, start: IntArray, end: IntArray) -> Array:
+    """(W,) means of values of samples (N,), or (W, d) of (N, d), each from `start` up to `end`, which is not in it."""
+    edges = np.column_stack((start, end)).ravel()
+    beyond = np.concatenate((values, np.zeros((1, *values.shape[1:]))))  # a window may go to the end of the track
+    sums = np.add.reduceat(beyond, edges, axis=0)[::2]
+    return np.asarray(sums / (end - start).reshape(-1, *[1] * (values.ndim - 1)))
+
+
 class Passes:
     """The passes over one track, each made when it is first asked for and kept."""
 

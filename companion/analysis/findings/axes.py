@@ -8,7 +8,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.settings import board_orientation, mended
@@ -135,7 +135,7 @@ def _motion(comparison: Comparison) -> _Motion | None:
     force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
     half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
     pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
-    gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
+    gyro, accel = (means_between(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
     return _Motion(turned / seconds, gyro, pull, accel)
 
 
@@ -248,7 +248,7 @@ def _beside(track: ImuTrack, other: ImuTrack) -> _Motion | None:
         start, end = (np.searchsorted(one.t, at) for at in (edges[:-1], edges[1:]))
         full &= end - start > 0.5 * span * one.rate_hz
         end = np.maximum(end, start + 1)
-        means.append([_mean(values, start, end) for values in (one.gyro, one.accel / STANDARD_GRAVITY)])
+        means.append([means_between(values, start, end) for values in (one.gyro, one.accel / STANDARD_GRAVITY)])
     if full.sum() < check.AXES_MIN_WINDOWS:
         return None
     (turn, pull), (gyro, accel) = means
@@ -280,11 +280,6 @@ def _wahba(body: Array, imu: Array) -> Array | None:
 def _misfit(pull: Array, accel: Array, turn: Array, gyro: Array, rotation: Array) -> tuple[float, float]:
     """Median over windows for forces, g, and turns, rad/s."""
     return float(np.median(length(pull - accel @ rotation.T))), float(np.median(length(turn - gyro @ rotation.T)))
-
-
-def _mean(readings: Array, start: IntArray, end: IntArray) -> Array:
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
-    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
 
 
 def _rotations() -> dict[str, Array]:
