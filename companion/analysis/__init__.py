@@ -3,7 +3,7 @@
 from companion.analysis.agreement import Agreement
 from companion.analysis.alignment import Alignment, Later, Rest, align, rests
 from companion.analysis.assessment import Assessment, assess
-from companion.analysis.budget import Expected
+from companion.analysis.budget import Expected, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import (
     Comparison,

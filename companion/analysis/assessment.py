@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -60,6 +60,7 @@ class Assessment:
     judged: Comparison  # the same without what was measured out of control
     sets: tuple[Windows, ...]  # one for each row of the drift
     drift: Drift
+    expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
     imu_spec: ImuSpec
     autopilot: ReferenceSpec
     measured_noise: FlightDensity
@@ -69,19 +70,6 @@ class Assessment:
     verdict: Verdict
     best: BestEstimate | None  # a third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
-
-    @property
-    def expected(self) -> tuple[Expected | None, ...]:
-        """One for each row of the drift; None without windows."""
-        return tuple(self.expected_of(row) for row in range(len(self.sets)))
-
-    def expected_of(self, row: int) -> Expected | None:
-        """The same of one row of the drift."""
-        return self._expected_once(row)
-
-    @cached_property
-    def _expected_once(self) -> Callable[[int], Expected | None]:
-        return cache(lambda row: expected_over(self.comparison, self.sets[row], self.imu_spec, self.autopilot))
 
     @property
     def calibration(self) -> Calibration | None:
@@ -183,13 +171,15 @@ def assess(
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, imu_spec, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
+    drift = drift_over(comparison, sets)
+    expected = tuple(expected_over(comparison, one, imu_spec, autopilot) for one in sets)
     allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), imu_spec, autopilot)
     faults = reading_faults(seen, judged, imu_spec)
     faults = [f for f in faults if f.end_s > aligned_at(parts)]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
-    judged = judged.forgotten()  # while the best estimate needs the room
+    comparison, judged = comparison.forgotten(), judged.forgotten()  # while the best estimate needs the room
     estimate = partial(smooth, confusion=confusion, most_causes=most_causes)
     made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
@@ -200,7 +190,7 @@ def assess(
     all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
     third = best if best is not None and _independent(best) else None
     usual = imu_spec if third is None else in_flight(imu_spec, third)
-    drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
+    judged = judged.forgotten()
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
     agreed = partial(agreement, corrected, parts=parts, usual=usual, autopilot=autopilot)
@@ -212,6 +202,7 @@ def assess(
         judged=judged,
         sets=sets,
         drift=drift,
+        expected=expected,
         imu_spec=imu_spec,
         autopilot=autopilot,
         measured_noise=noise,

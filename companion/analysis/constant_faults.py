@@ -32,8 +32,8 @@ from companion.estimation import (
     Explained,
     allowing,
     at_rest,
-    differences,
     hypothesis_of,
+    in_blocks,
     times_of_change,
 )
 from companion.model import Array, Flight, ImuTrack
@@ -230,7 +230,7 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
         for e in best.explained
         if not hypothesis_of(e.kind).nuisance and e not in since_start
     }
-    others = differences(flight, best.imu)
+    others = in_blocks(flight, best.imu)
     out: list[ConstantError] = []
     for sensor in ("gyro", "accel"):
         if (None, sensor) in changed:

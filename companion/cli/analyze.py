@@ -183,7 +183,7 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     """Measured against expected at one horizon: label, words."""
     rows = assessment.drift.rows
     i = min(range(len(rows)), key=lambda i: (not rows[i].windows, abs(rows[i].horizon_s - _SHOWN_S)))
-    row, expected = rows[i], assessment.expected_of(i)
+    row, expected = rows[i], assessment.expected[i]
     label = f"After {row.horizon_s:g} s"
     if expected is None:
         return label, "no window could be used"

@@ -7,7 +7,7 @@ from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
 from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
 from companion.estimation.constant_errors import allowing
-from companion.estimation.differences import differences
+from companion.estimation.differences import in_blocks
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import harmful, probabilities
 from companion.estimation.gaps import clip_counters

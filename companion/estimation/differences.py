@@ -9,7 +9,7 @@ alone. So two IMUs can contradict an accusation, and three decide which of them 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,7 +33,7 @@ class Error:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Differences:
+class Blocks:
     """Another IMU less the estimate's own in B blocks; "gyro" in rad/s and "accel" in m/s², FRD."""
 
     instance: int
@@ -42,7 +42,14 @@ class Differences:
     width: float  # s
     value: Mapping[str, Array]  # (B, 3)
     slower: Mapping[str, Array]  # (B, 3) what the slower of the two reads
+    scatter: Mapping[str, Array]  # (B, 3) 1σ of the readings' differences
     aliased: Mapping[str, Array]  # (3,) 1σ of what vibration that its samples fold down may read like all the time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Differences(Blocks):
+    """The same with how well they are known."""
+
     weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
 
     def score(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
@@ -98,12 +105,12 @@ class Differences:
         return np.asarray(share * slower.T[:, None, :])
 
 
-def differences(
+def in_blocks(
     flight: Flight,
     used: ImuTrack,
     span: tuple[float, float] = (-np.inf, np.inf),
     untrusted: Sequence[tuple[float, float]] = (),
-) -> tuple[Differences, ...]:
+) -> tuple[Blocks, ...]:
     """One for every other IMU that was heard long enough, of the fastest track that it has.
 
     span: boot times (s) to which they are confined. untrusted: stretches (s) in which those of `used` are no readings.
@@ -111,6 +118,16 @@ def differences(
     others = (track for track in flight.each_imu() if track.instance != used.instance)
     made = (_difference(flight, used, track, span, untrusted) for track in others)
     return tuple(one for one in made if one is not None)
+
+
+def differences(blocks: Sequence[Blocks]) -> tuple[Differences, ...]:
+    """How well each difference is known, beside what it is."""
+
+    def known(one: Blocks) -> Differences:
+        weight = {sensor: _weight(sensor, one.t, one.value[sensor], one.scatter[sensor]) for sensor in one.value}
+        return Differences(*(getattr(one, field.name) for field in fields(one)), weight=weight)
+
+    return tuple(map(known, blocks))
 
 
 def score_of_own(
@@ -127,7 +144,7 @@ def _difference(
     other: ImuTrack,
     span: tuple[float, float],
     untrusted: Sequence[tuple[float, float]],
-) -> Differences | None:
+) -> Blocks | None:
     """Of blocks in which both were heard: armed, where the vehicle ever was, for motors shift an accelerometer."""
     slow, fast, sign = (used, other, -1.0) if used.rate_hz < other.rate_hz else (other, used, 1.0)
     inside = (slow.t >= max(fast.t[0], span[0])) & (slow.t <= min(fast.t[-1], span[1]))
@@ -147,16 +164,15 @@ def _difference(
     if whole.sum() < num.DIFF_MIN_BLOCKS:
         return None
     spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
-    value, slower, aliased, weight, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
+    value, slower, scatter, aliased, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
     for sensor in ("gyro", "accel"):
         read = getattr(slow, sensor)[inside]
         off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
         value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
         slower[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
-        scatter = np.array([off[first:last].std(axis=0) for first, last in spans])
-        aliased[sensor] = healthy.ALIASED * np.median(scatter, axis=0)
-        weight[sensor] = _weight(sensor, middle, value[sensor], scatter)
-    return Differences(other.instance, other.source, middle, width, value, slower, aliased, weight)
+        scatter[sensor] = np.array([off[first:last].std(axis=0) for first, last in spans])
+        aliased[sensor] = healthy.ALIASED * np.median(scatter[sensor], axis=0)
+    return Blocks(other.instance, other.source, middle, width, value, slower, scatter, aliased)
 
 
 def _mean(values: Array) -> Array:

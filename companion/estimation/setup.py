@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS, SLOW
-from companion.estimation.differences import Differences, differences
+from companion.estimation.differences import Differences, differences, in_blocks
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
 from companion.estimation.gps_fixes import FIXED
@@ -96,7 +96,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
-    others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
+    others = differences(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
                  aliased, tuple(notes), _slow_places(readings), scattering, others)  # fmt: skip

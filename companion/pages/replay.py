@@ -21,6 +21,7 @@ from companion.analysis import (
     Replay,
     Verdict,
     errors,
+    expected_over,
     expected_since_anchor,
     imu_noise,
     replay,
@@ -262,7 +263,7 @@ def _calibrated(assessment: Assessment, horizon_s: float) -> Expected | None:
         gyro=replace(imu_spec.gyro, residual_bias=min(gyro, imu_spec.gyro.residual_bias)),
         accel=replace(imu_spec.accel, residual_bias=min(accel, imu_spec.accel.residual_bias)),
     )
-    return replace(assessment, imu_spec=own).expected_of(rows[0])
+    return expected_over(assessment.comparison, assessment.sets[rows[0]], own, assessment.autopilot)
 
 
 def _correction_of(assessment: Assessment) -> Correction | None:

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.estimation import BestEstimate, differences, probabilities, smooth
-from companion.estimation.differences import Error
+from companion.estimation import BestEstimate, probabilities, smooth
+from companion.estimation.differences import Error, differences, in_blocks
 from companion.model import Array, Flight, ImuTrack
 from tests.estimation.sensed import sensed
 
@@ -95,7 +95,7 @@ def _without(track: ImuTrack, begin: float, end: float) -> ImuTrack:
 def test_the_order_of_two_imus_is_that_of_the_sign() -> None:
     """What one tells of an error of the other is the negative of what the other tells of the same."""
     one, other = flown().imu(), sibling(gyro=step(0.0, 0.02, 0.0))
-    (there,), (back,) = (differences(beside(other), used) for used in (one, other))
+    (there,), (back,) = (differences(in_blocks(beside(other), used)) for used in (one, other))
     times = np.array([ONSET]), np.array([np.inf])
     b, v = there.score("gyro", "bias", "step", *times)
     b_back, v_back = back.score("gyro", "bias", "step", *times)
@@ -105,7 +105,7 @@ def test_the_order_of_two_imus_is_that_of_the_sign() -> None:
 
 
 def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> None:
-    (one,) = differences(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu())
+    (one,) = differences(in_blocks(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu()))
     error = Error("gyro", "bias", 1e3, "step", ONSET, np.inf, -1)
     ((size, sigma),) = one.sizes([error])
     b, v = one.score("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
@@ -122,5 +122,5 @@ def test_sensors_without_noise_have_finite_weights() -> None:
     twin = replace(own, source="IMU[1]", instance=own.instance + 1)
     jolted = replace(twin, accel=twin.accel + ((own.t > 30.0) & (own.t < 30.5))[:, None] * np.array([0.0, 0.0, 3.0]))
     for other in (twin, jolted):
-        (one,) = differences(beside(other), own)
+        (one,) = differences(in_blocks(beside(other), own))
         assert all(np.isfinite(weight).all() for weight in one.weight.values())

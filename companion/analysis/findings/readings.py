@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.analysis.fault_interval import SENSORS
-from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
+from companion.analysis.finding import Cause, Finding, IntArray, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray
 from companion.constants import check, harm, healthy, priors
@@ -128,10 +128,10 @@ def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
     level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
     moment = round(check.TOP_S * rate_hz)
     fewest = max(check.TOP_SAMPLES, moment)
-    for first, last in runs(np.asarray(same)):
+    begins, ends = run_edges(np.asarray(same))
+    long = (ends + 2 - begins >= fewest) & (begins > 0)
+    for first, last in zip(begins[long].tolist(), ends[long].tolist(), strict=True):
         top, count = slice(first, last + 2), last + 2 - first
-        if count < fewest or first == 0:
-            continue
         most = level[top].max()
         exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + check.TOP_EDGE) * most
         scatters = np.ptp(column[top]) > check.TOP_SCATTER * check.FLAT_TOP * most

@@ -10,7 +10,7 @@ from companion.analysis.budget import VELOCITY, window_noise
 from companion.analysis.comparison import Comparison, Windows, errors, windows
 from companion.constants import check
 from companion.model import Array
-from companion.strapdown import Propagation, propagate, quaternion
+from companion.strapdown import Propagation, quaternion
 
 GYRO_BIAS = slice(9, 12)  # places in the 15-state error of `propagate`
 ACCEL_BIAS = slice(12, 15)
@@ -46,15 +46,7 @@ def residuals(comparison: Comparison) -> Residuals:
     chosen = windows(comparison, check.SHORT_S)
     window_errors = errors(comparison, chosen)
     begin = comparison.reference.at(chosen.start)
-    growth = propagate(
-        comparison.track,
-        comparison.path,
-        chosen.start,
-        chosen.end,
-        begin.q_ned_frd,
-        begin.velocity,
-        gravity=comparison.how.gravity,
-    )
+    growth = comparison.growth(chosen)
     span = (window_errors.end_s - window_errors.anchor_s)[:, None]
     ends = [comparison.reference.interpolation_error(i, comparison.path) for i in (chosen.start, chosen.end)]
     back = quaternion.conjugate(begin.q_ned_frd)
