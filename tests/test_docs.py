@@ -14,7 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.cli import main
+from companion.cli.commands import COMMANDS as COMMANDS_THERE_ARE
+from companion.cli.main import main, parser
+from companion.links import is_link
+from companion.links.ports import parse_address
 from tests.processes import ended, next_line, started
 from tests.recordings import ROOT
 from tests.waiting import LIMIT_S
@@ -102,6 +105,23 @@ def test_a_documented_command_works(
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout or run.stderr
+
+
+def commands_for_elsewhere() -> list[str]:
+    """Every call of the program in a ```text block: with hardware, links or folders that are not here."""
+    text = "".join(t for p in PAGES for t in re.findall(r"```text\n(.*?)```", p.read_text(encoding="utf-8"), re.DOTALL))
+    calls = re.findall(rf"\bcompanion ((?:{'|'.join(COMMANDS_THERE_ARE)})\b.*)", re.sub(r"\$\([^)]*\)", "log", text))
+    return [re.split(r" [|] |  +#", call)[0] for call in calls]
+
+
+@pytest.mark.parametrize("command", commands_for_elsewhere())
+def test_a_documented_command_for_elsewhere_is_taken(command: str) -> None:
+    words = shlex.split(command)
+    arguments, unknown = parser(words[0]).parse_known_args(words)
+    assert unknown == []
+    assert callable(arguments.run)
+    for link in filter(is_link, words):
+        parse_address(link)
 
 
 def test_the_notebook_example_runs(
