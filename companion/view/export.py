@@ -21,6 +21,7 @@ from companion.view.scene.drone import Move
 from companion.view.scene.names import unseen
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
+from companion.view.server.origin_check import script_of
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
 from companion.view.state.trajectory import DisplayTrajectory
@@ -141,7 +142,7 @@ class Recording:
 
     def html(self, *, dark: bool) -> str:
         """The page. To be called once."""
-        return self._recorded.as_html(dark_mode=dark)
+        return self._recorded.as_html(dark_mode=dark).replace("<head>", f"<head>{script_of('dark_names.js')}", 1)
 
     def _buffered(self, array: np.ndarray[Any, Any]) -> dict[str, object]:
         """Where the bytes of an array are in the recording."""

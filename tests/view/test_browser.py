@@ -25,6 +25,7 @@ from companion.view import (
     chosen_track,
     display_trajectory,
     export,
+    replay_page,
 )
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
@@ -328,6 +329,17 @@ def test_names_have_no_white_ground_on_a_dark_page(browser: Browser, flight: Fli
 
         until(lambda: near(picture(), (230, 97, 1)) > 200, "the drones")
         assert near(picture(), (255, 255, 255)) < 300
+
+
+def test_names_have_none_on_a_dark_page_that_was_saved_either(browser: Browser, flight: Flight, tmp_path: Path) -> None:
+    page = replay_page(recompute(flight, ReplayChoice()), flight, dark=True)
+    (tmp_path / "dark.html").write_text(page, encoding="utf-8")
+    with new_page(browser) as saved:
+        saved.goto((tmp_path / "dark.html").as_uri())
+        saved.wait_for_selector("canvas")
+        until(lambda: near(shoot(saved, "dark-replay"), (230, 97, 1)) > 100, "the path in the page")
+        saved.get_by_role("button", name="Close").or_(saved.locator(".mantine-Notification-closeButton")).click()
+        assert near(shoot(saved, "dark-replay"), (255, 255, 255)) < 300
 
 
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:

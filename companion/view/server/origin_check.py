@@ -6,7 +6,8 @@ page change either. A page of viser connects to whatever server its address name
 sends: no page is served under an address with a query. What an address may request (`?t=100&imu=RAW_IMU`) is
 passed to the view thread, which looks it up, and the page is served without it.
 
-The page that is served is viser's with our title, icon and what viser cannot do by itself (page_head.js).
+The page that is served is viser's with our title, icon and what viser cannot do by itself: page_head.js and
+dark_names.js.
 """
 
 from __future__ import annotations
@@ -267,15 +268,20 @@ def dressed(body: bytes, encoding: str) -> bytes:
     Raises RuntimeError for a page that has not what viser 1.1's has.
     """
     plain = gzip.decompress(body) if encoding == "gzip" else body
-    script = (files("companion.view.server") / "page_head.js").read_bytes()
+    scripts = b"".join(script_of(name).encode() for name in ("dark_names.js", "page_head.js"))
     icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_icon())}" />'.encode()
     for pattern, ours in ((_TITLE, b"<title>companion</title>"), (_ICON, icon)):
         match = pattern.search(plain)
         if match is None:
             raise RuntimeError("viser's page has no title or icon where 1.1 has it")
         plain = plain[: match.start()] + ours + plain[match.end() :]
-    plain = plain.replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
+    plain = plain.replace(b"<head>", b"<head>" + scripts, 1)
     return gzip.compress(plain) if encoding == "gzip" else plain
+
+
+def script_of(name: str) -> str:
+    """A script of ours, to be put into the head of a page."""
+    return f"<script>{(files('companion.view.server') / name).read_text(encoding='utf-8')}</script>"
 
 
 def _icon() -> str:
