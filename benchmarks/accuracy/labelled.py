@@ -1,6 +1,7 @@
 """The verdict on recordings whose truth is known: `python benchmarks/accuracy/labelled.py [FOLDER] [--labels FILE]`.
 
-Without FOLDER: ../shared/tlogs beside the checkout. Anyone can run it on labelled recordings of their own: the format
+Without FOLDER: ../shared/tlogs beside the checkout. With --rate 4 every flight is first thinned to what a ground
+station records by default: IMU and attitude at 4 Hz. Anyone can run it on labelled recordings of their own: the format
 of the labels is documented in benchmarks/accuracy/labels.toml.
 """
 
@@ -11,12 +12,15 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
 import msgspec
 
 from benchmarks.accuracy.answer import Answer, answer
+from benchmarks.accuracy.changes import slower_attitude
+from benchmarks.accuracy.cutting import thinned
 from benchmarks.accuracy.labels import SHARED, Label, Outcome, details, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.reliability import Stated, reliability
@@ -44,13 +48,18 @@ class Row:
     note: str = ""
 
 
-def answers(path: Path) -> Answers:
-    """What is said of each flight of a recording. A flight that the analysis fails on does not hide the others."""
+def answers(path: Path, rate_hz: float | None = None) -> Answers:
+    """What is said of each flight of a recording. A flight that the analysis fails on does not hide the others.
+
+    rate_hz: to which IMU and attitude are thinned first.
+    """
     by_flight: Answers = {}
     for flight in read_recording(path).flights:
         name = f"{flight.vehicle.sysid}/{flight.boot}"
         try:
-            by_flight[name] = answer(flight)
+            slower = flight if rate_hz is None else thinned(flight, rate_hz)
+            slower = slower if rate_hz is None else slower_attitude(slower, rate_hz) or slower
+            by_flight[name] = answer(slower)
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             by_flight[name] = Failed(f"{type(error).__name__}: {error}")
     return by_flight
@@ -92,11 +101,13 @@ def _row(log: str, flight: str, label: Label, what: Answer | Failed) -> Row:
     )
 
 
-def run(folder: Path, labels: Sequence[Label], *, workers: int | None, timeout: float) -> list[Row]:
+def run(
+    folder: Path, labels: Sequence[Label], *, rate_hz: float | None = None, workers: int | None, timeout: float
+) -> list[Row]:
     """Every labelled recording below a folder."""
     paths = [path for path in recordings(folder) if any(label.matches(name_of(path, folder)) for label in labels)]
     outcomes: list[Row] = []
-    for index, said in each(answers, paths, workers=workers, timeout=timeout):
+    for index, said in each(partial(answers, rate_hz=rate_hz), paths, workers=workers, timeout=timeout):
         outcomes += rows(name_of(paths[index], folder), labels, said)
     return sorted(outcomes, key=lambda row: (row.group, row.log, row.flight))
 
@@ -152,6 +163,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=SHARED, help="with the recordings")
     parser.add_argument("--labels", type=Path, default=HERE / "labels.toml", help="what is known of them")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="thin IMU and attitude of every flight to this first")
     parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
     parser.add_argument("--timeout", type=float, default=120.0, help="seconds for one recording")
     parser.add_argument("--json", type=Path, help="write every row there")
@@ -160,7 +172,7 @@ def main() -> int:
         labels = load_labels(chosen.labels)
     except CompanionError as error:
         parser.error(str(error))
-    outcomes = run(chosen.folder, labels, workers=chosen.workers, timeout=chosen.timeout)
+    outcomes = run(chosen.folder, labels, rate_hz=chosen.rate, workers=chosen.workers, timeout=chosen.timeout)
     if not outcomes:
         parser.error(f"no recording below {chosen.folder} is named in {chosen.labels}")
     print(*map(_line, outcomes), sep="\n")
