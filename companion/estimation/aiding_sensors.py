@@ -92,7 +92,7 @@ _ROWS = (
     AidingSensor("gps_height", "gps", "m", 1.5, predict_fix, read_fixes, 0.15, (0.5, 2.0, 60.0),
                  latency_s=_GPS_LATENCY, height=True),
     AidingSensor("gps_velocity", "gps", "m/s", 0.2, predict_fix, read_fixes, 0.04, (0.035, 2.5, 10.0),
-                 latency_s=_GPS_LATENCY),
+                 latency_s=_GPS_LATENCY, motion=("gps_position", (0.05, 2.5, 10.0))),
     AidingSensor("gps_climb", "gps", "m/s", 0.3, predict_fix, read_fixes, 0.06, (0.045, 2.0, 10.0),
                  latency_s=_GPS_LATENCY),
     AidingSensor("compass", "compass", "µT", 1.0, predict_field, read_compass, 0.8, (0.4, 2.0, 40.0)),
@@ -113,5 +113,11 @@ SENSORS: Mapping[str, AidingSensor] = {row.name: row for row in _ROWS}
 HEIGHTS = frozenset(name for name, row in SENSORS.items() if row.height)
 """Readings that are a height above a fixed place."""
 
-SLOW = {name: row.slow for name, row in SENSORS.items() if row.slow is not None}
+MOTION = {f"{row.device}_motion": (row.name, *row.motion) for row in _ROWS if row.motion is not None}
+"""Slow error of the motion that a receiver sees → the readings that follow it, those that follow its integral, and its
+median, factor of spread and correlation time."""
+
+SLOW = {name: row.slow for name, row in SENSORS.items() if row.slow is not None} | {
+    name: own for name, (*_, own) in MOTION.items()
+}
 """Name of the readings → median, factor of its spread and correlation time of their slow error."""

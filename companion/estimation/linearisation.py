@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.aiding_sensors import SENSORS, SLOW
+from companion.estimation.aiding_sensors import MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.hypotheses import Problem
@@ -134,7 +134,7 @@ def linearise(
     keeps, wanders = _slow_motion(setup, slow)
     motion = Motion(  # of which the residual comes last
         np.empty((len(weight), STATES + keeps.shape[1])),
-        _beside(transition, keeps),
+        _moved(_beside(transition, keeps), setup),
         np.concatenate((constants, np.zeros((*keeps.shape, CONSTANT_STATES))), axis=1),
         _beside(weight, 1.0 / wanders),
     )
@@ -175,12 +175,12 @@ def measure(one: Readings, at: Kinematics) -> Measurement:
 def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurement:
     """The measurement with the slow errors of all aiding sensors among its states: its own adds to what it reads."""
     h = np.concatenate((one.states, np.zeros((*one.residual.shape, states.slow.shape[1]))), axis=2)
-    place = setup.slow.get(one.name)
-    if place is None:
-        return replace(one, states=h)
-    h[:, :, place] = np.eye(place.stop - place.start)
-    slow = states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
-    return replace(one, states=h, residual=one.residual - slow)
+    residual = one.residual.copy()
+    for name in (one.name, *(name for name, (velocity, *_) in MOTION.items() if velocity == one.name)):
+        if (place := setup.slow.get(name)) is not None:
+            h[:, :, place] = np.eye(place.stop - place.start)
+            residual -= states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
+    return replace(one, states=h, residual=residual)
 
 
 def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
@@ -225,8 +225,7 @@ def _predict(setup: Setup, path: CarriedImu, states: States, motion: Motion, shi
         shift = shift + columns @ sizes
     residual, transition = motion.residual, motion.transition
     residual[:, :STATES] = _motion_residual(setup, path, states, shift)
-    keeps = np.diagonal(transition[:, STATES:, STATES:], axis1=1, axis2=2)
-    residual[:, STATES:] = keeps * states.slow[:-1] - states.slow[1:]
+    residual[:, STATES:] = (transition[:, STATES:, STATES:] @ states.slow[:-1, :, None])[..., 0] - states.slow[1:]
     for block in (VELOCITY, POSITION):
         transition[:, block, ATTITUDE] -= skew(shift[:, block])
     back = quaternion.to_matrix(quaternion.exp(-residual[:, ATTITUDE]))
@@ -300,6 +299,17 @@ def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]
     time = np.concatenate([np.full(p.stop - p.start, SLOW[name][2]) for name, p in setup.slow.items()] or [np.zeros(0)])
     keeps = np.exp(-lasted / time)
     return keeps, _slow_sigma(setup, slow) ** 2 * (1.0 - keeps**2)
+
+
+def _moved(transition: Array, setup: Setup) -> Array:
+    """The same where the error of a receiver's position grows by that of its motion."""
+    lasted = np.diff(setup.t)
+    for name, (_, position, _) in MOTION.items():
+        if name in setup.slow:
+            moved, by = (range(setup.slow[one].start, setup.slow[one].stop) for one in (position, name))
+            for i, j in zip(moved, by, strict=True):
+                transition[:, i, j] = lasted
+    return transition
 
 
 def _slow_sigma(setup: Setup, slow: Mapping[str, float]) -> Array:

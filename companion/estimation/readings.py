@@ -113,6 +113,8 @@ class AidingSensor:
     # The error beside white noise, first-order Gauss-Markov (P. S. Maybeck 1979, §4.11), of each component: the median
     # of its 1σ, the factor of its spread (1σ), and the correlation time in s
     slow: tuple[float, float, float] | None = None
+    # A further one, of a motion that the sensor sees: the readings that go by its integral, and the same of it
+    motion: tuple[str, tuple[float, float, float]] | None = None
     offset: float = 0.0  # 1σ, before the flight, of a constant of the flight that adds to what it reads; 0: none
     latency_s: float = 0.0  # by which readings usually are late
     height: bool = False  # whether it reads the height above a fixed place, and nothing else

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation import smooth
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.learned_noise import START, Change, _further, coloured, noise_limits
 from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.model import VELOCITY
 from companion.estimation.robust_weights import outlier_weights
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array
-from tests.estimation.sensed import BIASES, at, sensed, true_states, with_imu
+from tests.estimation.sensed import BIASES, at, gps_of, sensed, true_states, with_imu
 
 
 def taken(ratio: float, steps: int) -> tuple[float, list[Change]]:
@@ -102,3 +104,22 @@ def test_a_reading_that_its_neighbours_contradict_counts_linearly_and_several_to
     assert weight[alone] == pytest.approx((4.0 / (150.0 / 1.5)) ** 2, rel=0.1)
     assert weight[together] == pytest.approx(np.ones(12))
     assert (weight[~alone & ~np.isin(one.keyframe, np.arange(394, 426))] == 1.0).all()
+
+
+def test_a_receiver_whose_position_goes_as_its_velocity_errs_is_in_order() -> None:
+    """Both come of one filter: an error of the motion that it sees is in the velocity, and adds up in the position."""
+    squares = []
+    for seed in range(3):
+        flight, truth = sensed(60.0, rate=50.0, seed=seed)
+        rng, dt, sigma = np.random.default_rng(seed), 0.02, 0.15  # m/s, for some 8 s
+        motion, keeps = sigma * rng.normal(size=(len(truth.t), 3)) * [1.0, 1.0, 0.0], np.exp(-dt / 8.0)
+        for k in range(1, len(motion)):
+            motion[k] = keeps * motion[k - 1] + np.sqrt(1.0 - keeps**2) * motion[k]
+        seen = replace(
+            truth, position=truth.position + np.cumsum(motion, axis=0) * dt, velocity=truth.velocity + motion
+        )
+        best = smooth(replace(flight, gps=(gps_of(seen, rng, rate=5.0),)))
+        assert best.explained == ()
+        off = best.velocity[:, :2] - np.column_stack([np.interp(best.t, truth.t, v) for v in truth.velocity.T[:2]])
+        squares.append(np.mean((off / best.sigma(VELOCITY)[:, :2]) ** 2))
+    assert np.mean(squares) < 5.0  # three times the usual error: a prior of its size holds it back
