@@ -44,7 +44,7 @@ from companion.app.correction import load_correction
 from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
-from companion.constants import num
+from companion.constants import harm, num
 from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
 
@@ -269,7 +269,8 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     used = flight.imu(first.comparison.track.source)
     by = first
     if first.best is None or _is_wrong(first):
-        names = [one.source for one in flight.each_imu() if one.instance != used.instance]
+        usable = (one for one in flight.each_imu() if one.rate_hz >= harm.USELESS_RATE_HZ)  # the others: too slow
+        names = [one.source for one in usable if one.instance != used.instance]
         others = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
         every = [first, *others]
         votes = Counter(number for one in every for number in _accused(one))
