@@ -26,7 +26,7 @@ from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Event, Flight, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.estimation.sensed import sensed
-from tests.flights import CIRCLE, LIVELY, flown, lively, seconds, turned, with_imu
+from tests.flights import CIRCLE, LIVELY, flight_of, flown, lively, seconds, turned, with_imu
 from tests.recordings import BUNDLED, shared
 
 pytestmark = pytest.mark.slow
@@ -179,6 +179,16 @@ def test_an_axis_that_reads_too_much_alone_is_not_of_other_units(times: float) -
     imu = flight.imu()
     one = with_imu(flight, gyro=imu.gyro * [1.0, times, 1.0], accel=imu.accel * [times, 1.0, 1.0])
     assert "units_wrong" not in {f.kind for f in meaning_findings(one, compare(one))}
+
+
+def test_a_vehicle_that_stands_tells_nothing_of_units() -> None:
+    """Its estimate turns a little while it aligns, and the gyro's bias changes with it."""
+    motion = motions.rest(seconds(14.0, 50))
+    flight, slews = flight_of(motion), 4e-3 * np.exp(-(motion.t - motion.t[0]) / 5.0)
+    about_down = [0.0, 0.0, 1.0]
+    read = flight.imu().gyro + 0.4 * slews[:, None] / 5.0 * about_down
+    standing = turned(with_imu(flight, gyro=read), -slews[:, None] * about_down)
+    assert "units_wrong" not in {f.kind for f in meaning_findings(standing, compare(standing))}
 
 
 def test_turns_that_are_all_read_about_one_axis_are_not_of_other_units() -> None:

@@ -141,7 +141,9 @@ def _motion(comparison: Comparison) -> _Motion | None:
 
 def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
     """A sensor reads a multiple of the motion, the same about every axis: no fault of a sensor, but of its units."""
-    pairs = {"gyro": _times(motion.turn, motion.gyro, biased=True), "accel": _times(motion.pull, motion.accel)}
+    moves = length(motion.turn) > healthy.AXES_MISFIT  # less is what a bias and an estimate that aligns come to
+    turn, gyro = motion.turn[moves], motion.gyro[moves]
+    pairs = {"gyro": _times(turn, gyro, biased=True), "accel": _times(motion.pull, motion.accel)}
     for sensor, times in pairs.items():
         if times is None or max(times, 1.0 / times) < check.UNIT_MIN_FACTOR:
             continue
@@ -165,6 +167,8 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     rotation or a mirror: its singular values are alike. biased: what is constant tells nothing.
     """
     motion, reading = length(own), length(read)
+    if len(motion) < check.AXES_MIN_WINDOWS:
+        return None
     busy = (motion >= np.median(motion)) & (motion > 0) & (reading > 0)
     if busy.sum() < check.AXES_MIN_WINDOWS:
         return None
