@@ -767,3 +767,21 @@ def test_a_gyro_that_is_dead_on_an_imu_that_was_not_judged_is_named(*, dead: boo
     assert all(f.start_s == pytest.approx(30.0, abs=0.1) for f in said)
     assert found.best is not None
     assert not any("gaps in HIGHRES_IMU" in note for note in found.best.notes)
+
+
+def test_a_gyro_whose_finer_message_goes_on_is_not_stuck_though_another_imu_steps() -> None:
+    """What turns by less than a whole step reads zero; another gyro whose bias steps meanwhile did not turn."""
+    flight = flown(lively(60.0))
+    imu = flight.imu()
+    calm, late = (imu.t > 30.0) & (imu.t < 31.3), imu.t > 30.65
+    gyro, accel = imu.gyro.copy(), imu.accel * [0.0, 0.0, 1.0]
+    gyro[calm, 2] = 5e-4 * np.sin(9.0 * imu.t[calm])
+    finer = replace(imu, source="HIGHRES_IMU", gyro=gyro, gyro_step=0.0, accel_step=0.0)
+    coarse = replace(imu, source="RAW_IMU", gyro=np.trunc(1e3 * gyro) / 1e3, gyro_step=1e-3, accel=accel)
+    other = np.trunc(1e3 * (gyro - late[:, None] * [0.0, 0.0, 0.026])) / 1e3
+    second = replace(coarse, source="SCALED_IMU2", instance=1, gyro=other)
+    imus = {one.source: one for one in (finer, coarse, second)}
+    found = assess(replace(flight, imus=imus), GENERIC, imu="HIGHRES_IMU")
+    assert "stuck_axis" not in {f.kind for f in found.verdict.findings}
+    assert found.verdict.cause is not None
+    assert (found.verdict.cause.kind, found.verdict.cause.imu) == ("gyro_bias", 1)

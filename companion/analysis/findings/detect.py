@@ -32,7 +32,7 @@ from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.settings import setting_findings
-from companion.analysis.findings.stuck import stuck_findings
+from companion.analysis.findings.stuck import is_rounded, stuck_findings
 from companion.analysis.findings.vibration import noise_findings, noisier_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
@@ -144,6 +144,8 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
         stuck = stuck_findings(compare(flight, track=track, how=comparison.how), others, ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
         mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
+        finer = [other for other in flight.imus.values() if other.instance == track.instance and other is not track]
+        mine = [f for f in mine if not any(is_rounded(f, track, other) for other in finer)]
         reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
 

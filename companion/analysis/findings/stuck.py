@@ -25,7 +25,7 @@ from companion.analysis.phases import judged_at
 from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
-from companion.model import Array, Flight, ImuTrack, NoEstimateError, median
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, median, nearest
 from companion.strapdown import quaternion
 
 
@@ -115,6 +115,22 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
         "Look at its wiring and driver.",
         cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
     )
+
+
+def is_rounded(finding: Finding, track: ImuTrack, finer: ImuTrack) -> bool:
+    """Whether an axis that seems stuck is read by a finer message of the same IMU, which goes on within its step."""
+    cause = finding.cause
+    assert cause is not None
+    axes = [*range(3)] if not cause.axis else ["xyz".index(cause.axis)]
+    readings, step = _read(track, cause.sensor)
+    meanwhile, finer_step = _read(finer, cause.sensor)
+    during = (finer.t >= finding.start_s) & (finer.t <= finding.end_s)
+    if finer_step >= step or during.sum() <= check.STUCK_MIN_SAMPLES:
+        return False
+    moved = meanwhile[during][:, axes]
+    apart = np.abs(moved - readings[nearest(track.t, finer.t[during])][:, axes])
+    goes_on = not unchanged(meanwhile[during])[:, axes].all(axis=0).any()
+    return goes_on and bool((apart <= step).all(axis=1).mean() >= check.STUCK_KNOWN)
 
 
 def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) -> Iterator[tuple[int, int]]:
