@@ -139,7 +139,7 @@ class StandingFault:
     probability: float  # that it is still there
     seen_s: float  # boot clock, until when it was found by itself
     before: Reading | None = None  # of the sensor, before its onset; None where that was not measured
-    size: Array | None = None  # (m,) while it was found
+    size: Array | None = None  # (m,) while it was found; of a sensor beside the IMU in the unit of its kind
     over_s: float | None = None  # s, boot clock, by when it was seen to be over; None: it stands
 
     @property
@@ -288,7 +288,8 @@ def _as_seen(
     last = end if cause.end_s is None else min(cause.end_s, end)
     before = reads(cause, flight, best, until=cause.onset_s)
     now = reads(cause, flight, best)
-    known = StandingFault(finding, 1.0, last)
+    interval = None if cause.sensor not in AIDING else _interval(finding, best)
+    known = StandingFault(finding, 1.0, last, size=None if interval is None else interval.size)
     if before is not None and now is not None:
         if fault is not None and fault.cause.kind != cause.kind:  # measured in other units
             fault = None
@@ -401,9 +402,12 @@ def _reads_again(cause: Cause, flight: Flight) -> bool:
 
 
 def _came_back(fault: StandingFault, best: BestEstimate | None) -> bool:
-    """Whether a sensor beside the IMU has changed back: nothing else tells that an offset is over."""
+    """Whether a sensor beside the IMU has changed back, by all that it had changed: nothing else tells that.
+
+    What goes on in the same direction is more of the fault: of a creep a later piece sees no other part.
+    """
     cause = fault.cause
-    if best is None or cause.size is None:
+    if best is None or fault.size is None or not (size := float(np.linalg.norm(fault.size))):
         return False
     back = [
         one for one in fault_intervals(best)
@@ -411,5 +415,5 @@ def _came_back(fault: StandingFault, best: BestEstimate | None) -> bool:
     ]  # fmt: skip
     if not back:
         return False
-    size, sigma = back[-1].magnitude, back[-1].sigma
-    return abs(size - cause.size) < num.SIGMAS * float(np.hypot(sigma, cause.sigma or 0.0))
+    against = -float(back[-1].size @ fault.size) / size
+    return against > size - num.SIGMAS * float(np.hypot(back[-1].sigma, cause.sigma or 0.0))

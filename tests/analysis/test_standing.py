@@ -12,6 +12,8 @@ import pytest
 
 from benchmarks.accuracy.cutting import cut
 from companion.analysis import GENERIC, Cause, Finding, StandingFault, Verdict, assess, carried_on, standing_verdict
+from companion.analysis import standing as standing_faults
+from companion.analysis.fault_interval import FaultInterval
 from companion.model import Flight, rows
 from companion.strapdown import motions
 from tests.flights import flown, seconds, with_imu
@@ -146,6 +148,27 @@ def test_an_offset_that_nothing_measures_stays_until_it_is_seen_to_change_back()
     for later in range(10, 600, 30):
         standing = carried_on(standing, after(float(later)), GOOD, None)
         assert standing_verdict(standing, GOOD).status == "autopilot_suspect"
+
+
+@pytest.mark.parametrize(
+    ("north", "status"),
+    [(-20.0, "consistent"), (-60.0, "consistent"), (-12.0, "autopilot_suspect"), (20.0, "autopilot_suspect")],
+    ids=["back", "a creep that was longer", "half of it", "it goes on"],
+)
+def test_an_offset_is_over_when_it_changes_back_and_not_when_it_grows(
+    north: float, status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin, best = PIECE.start + PIECE.duration, assess(cut(FLIGHT, 10.0, 30.0), GENERIC).best
+
+    def seen(start: float, size: float) -> None:
+        interval = FaultInterval("gps_position", "gps", start, 0.1, np.inf, np.array([size, 0.0]), 0.5, ())
+        monkeypatch.setattr(standing_faults, "fault_intervals", lambda _: (interval,))
+
+    seen(begin - 5.0, 20.0)
+    standing = carried_on((), PIECE, moved_gps(begin, None), best)
+    seen(begin + 40.0, north)
+    standing = carried_on(standing, after(60.0), UNSURE, best)
+    assert standing_verdict(standing, GOOD).status == status
 
 
 def test_what_was_seen_to_end_does_not_stand_for_ever() -> None:
