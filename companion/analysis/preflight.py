@@ -150,10 +150,11 @@ def _sigma(t: Array, readings: Array, step: float) -> Array:
 def _of_imus(
     flight: Flight, tracks: Sequence[ImuTrack], means: dict[str, Measured], spec_of: Callable[[str], ImuSpec]
 ) -> Iterator[Check]:
+    alone: list[Check] = []
     for track in tracks:
         if (own := means.get(track.source)) is not None:
-            yield from _gyro(flight, track, own, spec_of(track.source))
-            yield from _accelerometer(flight, track, own)
+            alone += [*_gyro(flight, track, own, spec_of(track.source)), *_accelerometer(flight, track, own)]
+    yield from _of_which_leans(alone)
     known = [(track, means[track.source]) for track in tracks if track.source in means]
     for i, (track, own) in enumerate(known):
         for other_track, other in known[i + 1 :]:
@@ -166,6 +167,21 @@ def _of_imus(
                 size, known_to = float(length(apart)), float(length(sigma))
                 made = judged(f"{sensor}_difference", pair, size, known_to, limit * math.sqrt(2.0), unit)
                 yield replace(made, autopilot=text, autopilot_limit=theirs)
+
+
+def _of_which_leans(checks: Sequence[Check]) -> Iterator[Check]:
+    """The checks of every IMU alone; where one fits the estimate and another does not, neither is named by itself.
+
+    The estimate follows one of them, and leans with it where that is the one at fault. Two that fit it outvote a third.
+    """
+    directions = [one for one in checks if one.name == "accel_direction"]
+    fitting = [one for one in directions if one.outcome == "go"]
+    for one in checks:
+        if one.name == "accel_direction" and one.outcome == "no_go" and len(fitting) == 1:
+            both = ", ".join(other.sensor for other in directions if other in (one, *fitting))
+            yield replace(one, sensor=both, note="the estimate follows one of them: which one is off is not known")
+        else:
+            yield one
 
 
 def _accel_limit() -> float:
