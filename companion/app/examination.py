@@ -44,7 +44,7 @@ from companion.app.correction import load_correction
 from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
-from companion.constants import harm, num
+from companion.constants import num
 from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
 
@@ -269,9 +269,9 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     used = flight.imu(first.comparison.track.source)
     by = first
     if first.best is None or _is_wrong(first):
-        usable = (one for one in flight.each_imu() if one.rate_hz >= harm.USELESS_RATE_HZ)  # the others: too slow
-        names = [one.source for one in usable if one.instance != used.instance]
-        others = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
+        names = [one.source for one in flight.each_imu() if one.instance != used.instance]
+        assessed = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
+        others = [one for one in assessed if not _is_too_slow(one)]
         every = [first, *others]
         votes = Counter(number for one in every for number in _accused(one))
         by = max((one for one in every if one.best is not None), key=lambda one: _worth(one, votes), default=first)
@@ -301,6 +301,11 @@ def _worth(one: Assessment, votes: Counter[int]) -> tuple[int, float]:
 def _is_wrong(one: Assessment) -> bool:
     """Whether the IMU that was assessed is at fault itself."""
     return one.best is None or one.comparison.track.instance in _accused(one)
+
+
+def _is_too_slow(one: Assessment) -> bool:
+    """Whether the IMU that was assessed gives too few samples to be integrated."""
+    return any(f.kind == "rate_too_low" for f in one.verdict.findings)
 
 
 def _accused(one: Assessment) -> set[int]:
