@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.finding import run_edges
+from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import phases
 from companion.analysis.preflight_aiding import barometer_checks, compass_checks, gps_checks
@@ -209,8 +210,11 @@ def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iter
             yield judged("gyro_warming", track.source, float(within[0]), float(within[1]), limit, "rad/s")
     for sensor, readings in (("gyro", own.gyro), ("accel", own.accel)):
         step = getattr(track, f"{sensor}_step")
-        if not step and not np.ptp(readings, axis=0).any():
-            yield Check(f"{sensor}_frozen", track.source, 0.0, 0.0, 0.0, "", "no_go", 1.0, note="it reads the same")
+        same = unchanged(readings).all(axis=0) & (step == 0.0)
+        if same.any():
+            axes = " and ".join(name for name, stands in zip("xyz", same, strict=True) if stands)
+            note = f"{'it' if same.all() else axes} reads the same"
+            yield Check(f"{sensor}_frozen", track.source, 0.0, 0.0, 0.0, "", "no_go", 1.0, note=note)
             continue
         noise = _density(own.t, readings, step) if track.rate_hz >= num.NOISE_RATE_HZ else None
         sheet = getattr(spec, sensor).noise_density

@@ -113,6 +113,19 @@ def test_a_bias_that_the_estimator_takes_off_is_none() -> None:
     assert "mrad/s" in line(result, "gyro_bias").note
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_one_axis_that_reads_the_same_is_no_go(sensor: str) -> None:
+    """But for its last digits, which flicker as floats do."""
+    flight = standing()
+    first = flight.imus["IMU[0]"]
+    readings = getattr(first, sensor).copy()
+    readings[:, 1] = 0.45 + np.random.default_rng(2).normal(0.0, 1e-8, len(first))
+    stuck = replace(first, **{sensor: readings})
+    result = checked(replace(flight, imus={**flight.imus, "IMU[0]": stuck}))
+    frozen = line(result, f"{sensor}_frozen")
+    assert (frozen.outcome, frozen.note) == ("no_go", "y reads the same")
+
+
 def test_a_frozen_imu_is_no_go() -> None:
     flight = standing()
     first = flight.imus["IMU[0]"]
