@@ -130,3 +130,29 @@ def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monk
     took = 5.0
     run(judge, pace, 13.0, 20.0)
     assert judge.most_s == 40.0, "never less than while nobody is suspect"
+
+
+def test_where_one_look_took_much_the_next_ones_are_long_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The onset of what took so much must not be lost for it."""
+    busy, clock = [6.0], iter(range(1_000_000))
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    monkeypatch.setattr("companion.app.live.judges.time.process_time", lambda: next(clock) * busy[0])  # twice for each
+    run(judge, pace, 1.0, 2.0)
+    assert judge.most_s == 30.0, "the newest come first"
+    busy[0] = 0.5
+    run(judge, pace, 14.0, 15.0)
+    assert judge.most_s == 60.0
+
+
+@pytest.mark.parametrize("now", [0.0, 0.1, 1234.567, 98765.4321])
+def test_what_ends_just_in_time_is_in_time_whatever_the_clock_says(now: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(1_000_000))
+    judge = Judged()
+    judge.most_s = 40.0
+    pace = Pace(cast("Judge", judge))
+    monkeypatch.setattr("companion.app.live.judges.time.monotonic", lambda: next(clock) * 0.7)
+    for later in range(3):
+        judge.newest = now + 10.0 * later + 1.0
+        pace.step(now + 10.0 * later)
+    assert judge.most_s > 50.0
