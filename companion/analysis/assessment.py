@@ -171,11 +171,10 @@ def assess(
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, imu_spec, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    drift = drift_over(comparison, sets)
-    expected = tuple(expected_over(comparison, one, imu_spec, autopilot) for one in sets)
-    allowed = expected_over(judged, chosen := windows(judged, num.JUDGED_S), imu_spec, autopilot)
-    faults = reading_faults(seen, judged, imu_spec)
-    faults = [f for f in faults if f.end_s > aligned_at(parts)]
+    drift, expects = drift_over(comparison, sets), partial(expected_over, imu_spec=imu_spec, autopilot=autopilot)
+    expected = tuple(expects(comparison, one) for one in sets)
+    allowed = expects(judged, chosen := windows(judged, num.JUDGED_S))
+    faults = [f for f in reading_faults(seen, judged, imu_spec) if f.end_s > aligned_at(parts)]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
@@ -183,14 +182,12 @@ def assess(
     estimate = partial(smooth, confusion=confusion, most_causes=most_causes)
     made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
-    faults += [*more, *frozen]
-    turned = turned_others(seen, judged.track, faults, best)
+    turned = turned_others(seen, judged.track, faults := [*faults, *more, *frozen], best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
     all_findings, clean = findings(flight, judged, allowed, imu_spec, noise, autopilot, faults, best, constants, turned)
     all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
-    third = best if best is not None and _independent(best) else None
+    third, judged = best if best is not None and _independent(best) else None, judged.forgotten()
     usual = imu_spec if third is None else in_flight(imu_spec, third)
-    judged = judged.forgotten()
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
     agreed = partial(agreement, corrected, parts=parts, usual=usual, autopilot=autopilot)

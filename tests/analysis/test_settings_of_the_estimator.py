@@ -74,7 +74,7 @@ def test_a_declination_that_is_set_wrongly_is_named(parameters: Mapping[str, flo
     (one,) = found(headed(OFF), parameters)
     assert (one.kind, one.side, one.severity, one.undecided) == ("declination", "data", "warning", False)
     assert f"Set {value}" in one.advice
-    assert "heading is off by 9.9 ± 3.0°" in one.evidence
+    assert "heading is off by 10.0 ± 3.0°" in one.evidence
     assert found(headed(-OFF), parameters) == [], "not the way in which it is off"
 
 

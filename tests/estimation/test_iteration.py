@@ -50,7 +50,7 @@ def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
 
 
 def test_no_step_leads_uphill() -> None:
-    point, about = contradicted(0.1)
+    point, about = contradicted(0.2)
     linear, shortened = about(point), 0
     for _ in range(8):
         step = Step.of(linear, point.sizes)
@@ -64,12 +64,12 @@ def test_no_step_leads_uphill() -> None:
 def test_the_misfit_falls_at_first_as_the_step_says() -> None:
     """Its slope along a step is minus twice the gain of a linear problem: else a derivative is wrong."""
     point, about = contradicted(0.02)
-    for _ in range(3):
+    for _ in range(2):
         point, _, _ = Step.of(about(point), point.sizes).taken(about)
     step = Step.of(about(point), point.sizes)
     share = 1e-4
     there, back = (step.misfit_at(at, about(at)) for at in (step.at(share), step.at(-share)))
-    assert (there - back) / (2.0 * share) == pytest.approx(-2.0 * step.gain, rel=0.02)
+    assert (there - back) / (2.0 * share) == pytest.approx(-2.0 * step.gain, rel=1e-3)
 
 
 def test_a_step_that_leads_down_is_taken_whole() -> None:

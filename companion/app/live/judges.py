@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from math import sqrt
 
 from companion.analysis import LiveVerdict
 from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging, new_stream
@@ -16,7 +17,7 @@ _SHARE = 2.0  # times as long as the processor was busy with one: at most half a
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
 _COSTS_S = 2.0  # of the processor that one may take: what took more is shortened in proportion, the newest come first
 _LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
-_AT_ONCE = 2.0  # times those that were shortened, at most: the onset of what cost much must not be lost for it
+_AT_ONCE = 1.4  # times those that were shortened, at most: the onset of what cost much must not be lost for it
 
 
 class Pace:
@@ -63,7 +64,7 @@ class Pace:
         if busy > _COSTS_S:
             judge.most_s = max(judge.most_s * _COSTS_S / busy, LEAST_S)
         else:
-            more = min(_COSTS_S / max(busy, 1e-3), _AT_ONCE) if judge.most_s < HORIZON_S else _MORE
+            more = min(sqrt(_COSTS_S / max(busy, 1e-3)), _AT_ONCE) if judge.most_s < HORIZON_S else _MORE
             judge.most_s = min(max(judge.most_s * (more if in_time else _LESS), min(HORIZON_S, judge.most_s)), MOST_S)
         return live_verdict
 
