@@ -125,7 +125,7 @@ def differences(blocks: Sequence[Blocks]) -> tuple[Differences, ...]:
 
     def known(one: Blocks) -> Differences:
         weight = {sensor: _weight(sensor, one.t, one.value[sensor], one.scatter[sensor]) for sensor in one.value}
-        return Differences(*(getattr(one, field.name) for field in fields(one)), weight=weight)
+        return Differences(**{field.name: getattr(one, field.name) for field in fields(one)}, weight=weight)
 
     return tuple(map(known, blocks))
 
