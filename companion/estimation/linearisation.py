@@ -302,13 +302,15 @@ def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]
 
 
 def _moved(transition: Array, setup: Setup) -> Array:
-    """The same where the error of a receiver's position grows by that of its motion."""
+    """The same where the error of a receiver's position grows by that of its motion, while both decay."""
     lasted = np.diff(setup.t)
     for name, (_, position, _) in MOTION.items():
         if name in setup.slow:
             moved, by = (range(setup.slow[one].start, setup.slow[one].stop) for one in (position, name))
+            fades, own = (1.0 / SLOW[one][2] for one in (position, name))
+            grown = (np.exp(-fades * lasted) - np.exp(-own * lasted)) / (own - fades)
             for i, j in zip(moved, by, strict=True):
-                transition[:, i, j] = lasted
+                transition[:, i, j] = grown
     return transition
 
 
