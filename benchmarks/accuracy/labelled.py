@@ -25,7 +25,7 @@ from benchmarks.accuracy.labels import SHARED, Label, Outcome, details, load_lab
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.reliability import Stated, reliability
 from companion.app.recording import read_recording
-from companion.model import CompanionError
+from companion.model import CompanionError, Flight
 
 HERE = Path(__file__).resolve().parent
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
@@ -57,12 +57,16 @@ def answers(path: Path, rate_hz: float | None = None) -> Answers:
     for flight in read_recording(path).flights:
         name = f"{flight.vehicle.sysid}/{flight.boot}"
         try:
-            slower = flight if rate_hz is None else thinned(flight, rate_hz)
-            slower = slower if rate_hz is None else slower_attitude(slower, rate_hz) or slower
-            by_flight[name] = answer(slower)
+            by_flight[name] = answer(flight if rate_hz is None else _slower(flight, rate_hz))
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             by_flight[name] = Failed(f"{type(error).__name__}: {error}")
     return by_flight
+
+
+def _slower(flight: Flight, rate_hz: float) -> Flight:
+    """The flight with IMU and attitude at a rate; the attitude as it is where it is slower already."""
+    thin = thinned(flight, rate_hz)
+    return slower_attitude(thin, rate_hz) or thin
 
 
 def rows(log: str, labels: Sequence[Label], said: Answers | Failed) -> list[Row]:

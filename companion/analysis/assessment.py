@@ -147,7 +147,7 @@ class Assessment:
     @property
     def _third(self) -> BestEstimate | None:
         """The best estimate, where anything but the IMU told it of the vehicle's turns."""
-        return self.best if self.best is not None and _independent(self.best) else None
+        return _independent(self.best)
 
 
 def assess(
@@ -186,7 +186,7 @@ def assess(
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
     all_findings, clean = findings(flight, judged, allowed, imu_spec, noise, autopilot, faults, best, constants, turned)
     all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
-    third, judged = best if best is not None and _independent(best) else None, judged.forgotten()
+    third, judged = _independent(best), judged.forgotten()
     usual = imu_spec if third is None else in_flight(imu_spec, third)
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
@@ -286,12 +286,12 @@ def _best(
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
 
 
-def _independent(best: BestEstimate) -> bool:
-    """Whether anything but the IMU told the estimate of its turns.
+def _independent(best: BestEstimate | None) -> BestEstimate | None:
+    """The estimate, where anything but the IMU told it of its turns.
 
     Without it a bias that steps is learned as noise, and nothing would contradict.
     """
-    return not {"gps_position", "compass"}.isdisjoint(best.residuals)
+    return None if best is None or {"gps_position", "compass"}.isdisjoint(best.residuals) else best
 
 
 def in_flight(imu_spec: ImuSpec, best: BestEstimate) -> ImuSpec:

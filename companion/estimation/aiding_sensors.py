@@ -113,11 +113,11 @@ SENSORS: Mapping[str, AidingSensor] = {row.name: row for row in _ROWS}
 HEIGHTS = frozenset(name for name, row in SENSORS.items() if row.height)
 """Readings that are a height above a fixed place."""
 
-MOTION = {f"{row.device}_motion": (row.name, *row.motion) for row in _ROWS if row.motion is not None}
+RECEIVER_MOTION = {f"{row.device}_motion": (row.name, *row.motion) for row in _ROWS if row.motion is not None}
 """Slow error of the motion that a receiver sees → the readings that follow it, those that follow its integral, and its
 median, factor of spread and correlation time."""
 
 SLOW = {name: row.slow for name, row in SENSORS.items() if row.slow is not None} | {
-    name: own for name, (*_, own) in MOTION.items()
+    name: own for name, (*_, own) in RECEIVER_MOTION.items()
 }
 """Name of the readings → median, factor of its spread and correlation time of their slow error."""

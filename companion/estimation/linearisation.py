@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.aiding_sensors import MOTION, SENSORS, SLOW
+from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.hypotheses import Problem
@@ -134,7 +134,7 @@ def linearise(
     keeps, wanders = _slow_motion(setup, slow)
     motion = Motion(  # of which the residual comes last
         np.empty((len(weight), STATES + keeps.shape[1])),
-        _moved(_beside(transition, keeps), setup),
+        _with_receiver_motion(_beside(transition, keeps), setup),
         np.concatenate((constants, np.zeros((*keeps.shape, CONSTANT_STATES))), axis=1),
         _beside(weight, 1.0 / wanders),
     )
@@ -176,7 +176,7 @@ def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurem
     """The measurement with the slow errors of all aiding sensors among its states: its own adds to what it reads."""
     h = np.concatenate((one.states, np.zeros((*one.residual.shape, states.slow.shape[1]))), axis=2)
     residual = one.residual.copy()
-    for name in (one.name, *(name for name, (velocity, *_) in MOTION.items() if velocity == one.name)):
+    for name in (one.name, *(name for name, (velocity, *_) in RECEIVER_MOTION.items() if velocity == one.name)):
         if (place := setup.slow.get(name)) is not None:
             h[:, :, place] = np.eye(place.stop - place.start)
             residual -= states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
@@ -301,10 +301,10 @@ def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]
     return keeps, _slow_sigma(setup, slow) ** 2 * (1.0 - keeps**2)
 
 
-def _moved(transition: Array, setup: Setup) -> Array:
+def _with_receiver_motion(transition: Array, setup: Setup) -> Array:
     """The same where the error of a receiver's position grows by that of its motion, while both decay."""
     lasted = np.diff(setup.t)
-    for name, (_, position, _) in MOTION.items():
+    for name, (_, position, _) in RECEIVER_MOTION.items():
         if name in setup.slow:
             moved, by = (range(setup.slow[one].start, setup.slow[one].stop) for one in (position, name))
             fades, own = (1.0 / SLOW[one][2] for one in (position, name))

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.aiding_sensors import MOTION, SENSORS, SLOW
+from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.differences import Differences, differences, in_blocks
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
@@ -166,7 +166,7 @@ def _slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
         if one.name in SLOW:
             places[one.name] = slice(at, at + one.value.shape[1])
             at = places[one.name].stop
-    for name, (velocity, position, _) in MOTION.items():
+    for name, (velocity, position, _) in RECEIVER_MOTION.items():
         if velocity in places and position in places:
             places[name] = slice(at, at + places[position].stop - places[position].start)
             at = places[name].stop

@@ -93,7 +93,7 @@ def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are
     anew = solve(len(linear.problem.t), motion, read, nothing)
     position = np.linalg.norm(anew.x[:, 6:9], axis=1).max()
     assert 0.8 * moved[3] < position <= moved[3] * (1.0 + 1e-9)  # the largest of five times
-    assert moved[3] * fault.size == pytest.approx(fault.size, rel=0.5)  # nothing but GPS tells of a position
+    assert 1.0 < moved[3] < 1.5  # nothing but GPS tells of a position; its motion carries the error on past the ends
 
 
 def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Linear) -> None:

@@ -32,7 +32,7 @@ from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.settings import setting_findings
-from companion.analysis.findings.stuck import is_rounded, stuck_findings
+from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, noisier_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
@@ -104,8 +104,7 @@ def reading_faults(flight: Flight, comparison: Comparison, imu_spec: ImuSpec) ->
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
     track = comparison.track
     faults = [*reading_findings(track, flight.require_attitude(), imu_spec, flight.armed(track.t, track.t))]
-    others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    faults += stuck_findings(comparison, others)
+    faults += stuck_findings(comparison, flight.imus.values())
     faults += meaning_findings(flight, comparison)
     return faults
 
@@ -140,12 +139,9 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
             continue
-        others = [other for other in flight.imus.values() if other.instance != track.instance]
-        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), others, ("gyro",))
+        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), flight.imus.values(), ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
         mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
-        finer = [other for other in flight.imus.values() if other.instance == track.instance and other is not track]
-        mine = [f for f in mine if not any(is_rounded(f, track, other) for other in finer)]
         reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
 

@@ -80,20 +80,26 @@ def unchanged(readings: Array) -> BoolArray:
 
 def stuck_findings(
     comparison: Comparison,
-    others: Sequence[ImuTrack],
+    imus: Collection[ImuTrack],
     sensors: Collection[str] = ("gyro", "accel"),
 ) -> Iterator[Finding]:
     """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
     Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
     All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
-    happens. Another IMU has to move along it, as it does where this one is seldom still.
+    happens. Another IMU has to move along it, as it does where this one is seldom still; a finer message of this one
+    must not go on.
+    imus: all of the flight.
     """
-    if comparison.track.rate_hz < check.STUCK_RATE_HZ:
+    track = comparison.track
+    if track.rate_hz < check.STUCK_RATE_HZ:
         return
-    for axes in (one for one in _all_axes(comparison.track) if one.sensor.name in sensors):
+    others = [one for one in imus if one.instance != track.instance]
+    same = [one for one in imus if one.instance == track.instance and one.source != track.source]
+    for axes in (one for one in _all_axes(track) if one.sensor.name in sensors):
         for first, last in _stopped(comparison, others, axes):
-            yield stuck_finding(axes.sensor, axes.axes, first, last)
+            if not any(_only_rounded(axes, slice(first, last + 1), finer) for finer in same):
+                yield stuck_finding(axes.sensor, axes.axes, first, last)
 
 
 def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
@@ -117,20 +123,16 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
     )
 
 
-def is_rounded(finding: Finding, track: ImuTrack, finer: ImuTrack) -> bool:
-    """Whether an axis that seems stuck is read by a finer message of the same IMU, which goes on within its step."""
-    cause = finding.cause
-    assert cause is not None
-    axes = [*range(3)] if not cause.axis else ["xyz".index(cause.axis)]
-    readings, step = _read(track, cause.sensor)
-    meanwhile, finer_step = _read(finer, cause.sensor)
-    during = (finer.t >= finding.start_s) & (finer.t <= finding.end_s)
-    if finer_step >= step or during.sum() <= check.STUCK_MIN_SAMPLES:
+def _only_rounded(axes: _Axes, stretch: slice, finer: ImuTrack) -> bool:
+    """Whether axes that seem stuck are read by a finer message of the same IMU, which goes on within their step."""
+    sensor, chosen, t = axes.sensor, list(axes.axes), axes.sensor.t[stretch]
+    meanwhile, finer_step = _read(finer, sensor.name)
+    during = (finer.t >= t[0]) & (finer.t <= t[-1])
+    if finer_step >= sensor.step or during.sum() <= check.STUCK_MIN_SAMPLES:
         return False
-    moved = meanwhile[during][:, axes]
-    apart = np.abs(moved - readings[nearest(track.t, finer.t[during])][:, axes])
-    goes_on = not unchanged(meanwhile[during])[:, axes].all(axis=0).any()
-    return goes_on and bool((apart <= step).all(axis=1).mean() >= check.STUCK_KNOWN)
+    goes_on = not unchanged(meanwhile[during])[:, chosen].all(axis=0).any()
+    apart = np.abs(meanwhile[during] - sensor.readings[nearest(sensor.t, finer.t[during])])[:, chosen]
+    return goes_on and bool((apart <= sensor.step).all(axis=1).mean() >= check.STUCK_KNOWN)
 
 
 def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) -> Iterator[tuple[int, int]]:
