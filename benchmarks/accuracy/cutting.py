@@ -98,7 +98,7 @@ def thinned(flight: Flight, rate_hz: float) -> Flight:
         every = round(track.rate_hz / rate_hz)
         if every < 2:
             return track
-        if not filtered:
+        if not filtered and track.rate_hz > 2.0 * _FILTER_HZ:  # else it lets all of it through
             corner = _FILTER_HZ * 1e6 / LOOP_US / track.rate_hz  # `low_pass` counts in steps of the simulator's loop
             track = replace(track, gyro=low_pass(track.gyro, corner), accel=low_pass(track.accel, corner))
         return replace(track[::every], interval=None)
