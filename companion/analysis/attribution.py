@@ -244,6 +244,7 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
     faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
+    wanders = _wanders(best)
     reasons = (
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
@@ -252,10 +253,20 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
+        (wanders > 0.0 and deviation.quantity not in _MEASURED,
+         f"the gyro's bias wanders by {1e3 * wanders:.0f} mrad/s: it cannot be told which of them is wrong",
+         _ANOTHER),
         (deviation.probability < priors.ACCUSED,
          f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})", _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
+
+
+def _wanders(best: BestEstimate) -> float:
+    """How far the bias of the gyro goes in the flight, rad/s, where that is surely more than what harms; else 0."""
+    far, sigma = np.ptp(best.states.gyro_bias, axis=0), np.sqrt(2.0) * np.median(best.gyro_bias_sigma, axis=0)
+    surely = far - num.SIGMAS * sigma > harmful(hypothesis_of("gyro_bias"), "ramp", None)
+    return float(far[surely].max(initial=0.0))
 
 
 def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Finding:

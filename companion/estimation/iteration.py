@@ -156,6 +156,8 @@ def estimate(
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
+    if accepted:  # a cause takes from what was learned as the gyro's walk, and adds nothing to it
+        limits = {"gyro_walk": (START.gyro_walk, start.noise.gyro_walk), **limits}
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
     def about(point: Point) -> Linear:

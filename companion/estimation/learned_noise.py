@@ -23,6 +23,7 @@ from companion.estimation.low_pass import BoolArray
 from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
+    GYRO_BIAS,
     POSITION,
     STATES,
     VELOCITY,
@@ -144,6 +145,11 @@ def learn(
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause))
         densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
+    if "gyro_walk" in before or (before and max(abs(one.size) for one in before.values()) < num.DENSITY_NEAR):
+        growth = _further(_walk(linear, setup, noise, usual), before.get("gyro_walk"))
+        most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
+        bounds = limits.get("gyro_walk", (START.gyro_walk, most * START.gyro_walk))
+        densities["gyro_walk"], change["gyro_walk"] = _changed(noise.gyro_walk, growth, bounds)
     learned = dict(scale)
     for one in linear.measurements:
         if SENSORS[one.name].device == "rest":
@@ -163,6 +169,19 @@ def learn(
         bounds = median / spread**2, median * spread**2
         wandering[name], change[key] = _changed(slow[name], _further(growth, before.get(key)), bounds)
     return replace(noise, **densities), learned, wandering, change
+
+
+def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
+    """By how much the logarithm of the density of the gyro bias's walk changes, with a log-normal prior.
+
+    A walk goes on all through the flight, a fault begins and ends: a typical stretch tells of the one alone.
+    """
+    e, d = linear.solution.disturbances
+    own = noise.gyro_walk**2 * np.diff(setup.t)[usual, None]
+    believed = 0.5 / np.log(healthy.GYRO_WALK_SPREAD) ** 2 / len(usual)
+    above = (e[usual, GYRO_BIAS] ** 2 * own).sum(axis=1) + believed * (START.gyro_walk / noise.gyro_walk) ** 2
+    below = (np.einsum("kii->ki", d[usual, GYRO_BIAS, GYRO_BIAS]) * own).sum(axis=1) + believed
+    return 0.5 * float(np.log(_typical(above, below)))
 
 
 def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:

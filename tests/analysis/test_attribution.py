@@ -296,6 +296,21 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     assert finding.advice.startswith(tells)
 
 
+@pytest.mark.parametrize("far", [0.03, 0.003])  # rad/s
+def test_a_gyro_whose_bias_wanders_by_more_than_harms_accuses_no_autopilot(
+    flight: Flight, best: BestEstimate, far: float
+) -> None:
+    bias = best.states.gyro_bias + np.linspace(0.0, far, len(best.t))[:, None] * NORTH
+    wandering = replace(
+        best,
+        states=replace(best.states, gyro_bias=bias),
+        gyro_bias_sigma=np.minimum(best.gyro_bias_sigma, 1e-3),
+    )
+    found = estimator_deviations(headed(flight, 40.0), best, Limits())
+    (finding,) = (f for f in findings_of((), found, wandering) if f.kind == "heading_off")
+    assert ("wanders by" in finding.evidence) == (finding.side == "data") == (far > 0.01)
+
+
 @pytest.mark.parametrize("kind", ["gyro_bias", "accel_bias", "compass_field"])
 def test_what_moves_no_gps_does_not_explain_a_position(flight: Flight, best: BestEstimate, kind: str) -> None:
     """The GPS says where the vehicle is, whatever else may be wrong: an estimate 30 m off it is off by itself."""
