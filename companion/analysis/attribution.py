@@ -204,6 +204,7 @@ def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, st
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
+        (best.gyro_wanders and interval.side != "imu", _wanders(best), _FASTER),
         _undecided(interval),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
@@ -233,6 +234,11 @@ _CONTRADICTED = (
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 
 
+def _wanders(best: BestEstimate) -> str:
+    lost = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
+    return f"the gyro's bias wanders by {lost:.1f} mrad/s in a minute (1σ): it cannot be told which of them is wrong"
+
+
 _NOT_CONVERGED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
 
 
@@ -244,29 +250,19 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
     faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
-    wanders = _wanders(best)
     reasons = (
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
+        (best.gyro_wanders, _wanders(best), _FASTER),
         (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (wanders > 0.0 and deviation.quantity not in _MEASURED,
-         f"the gyro's bias wanders by {1e3 * wanders:.0f} mrad/s: it cannot be told which of them is wrong",
-         _ANOTHER),
         (deviation.probability < priors.ACCUSED,
          f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})", _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
-
-
-def _wanders(best: BestEstimate) -> float:
-    """How far the bias of the gyro goes in the flight, rad/s, where that is surely more than what harms; else 0."""
-    far, sigma = np.ptp(best.states.gyro_bias, axis=0), np.sqrt(2.0) * np.median(best.gyro_bias_sigma, axis=0)
-    surely = far - num.SIGMAS * sigma > harmful(hypothesis_of("gyro_bias"), "ramp", None)
-    return float(far[surely].max(initial=0.0))
 
 
 def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Finding:
