@@ -126,9 +126,8 @@ def learn(
     still = _at_rest(linear)
     usual = _telling(still[:-1] & still[1:], ~across_gaps | across_gaps.all())
     count = max(1, min(num.NOISE_STRETCHES, len(usual) // 8))
-    # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear, solution.disturbances[0])[usual]
-    e -= _means(e, count)
+    e -= _means(e, count)  # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_turn(linear.states.q_ned_frd[usual], e)
     moved = slice(0, 9)  # by the densities that are learned: attitude, velocity and position
     turn = np.zeros((len(usual), 9, 9))
@@ -136,8 +135,7 @@ def learn(
         turn[:, block, block] = linear.turn[usual]
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
-    densities: dict[str, float] = {}
-    change: dict[str, Change] = {}
+    densities, change = dict[str, float](), dict[str, Change]()
     for cause, expected in zip(CAUSES[:2], setup.spectral_noise, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = num.DENSITY_PRIOR_READINGS / len(e) / noise.density(cause) ** 2
@@ -146,10 +144,9 @@ def learn(
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause))
         densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
     if "gyro_walk" in before or (before and max(abs(one.size) for one in before.values()) < num.DENSITY_NEAR):
-        growth = _further(_walk(linear, setup, noise, usual), before.get("gyro_walk"))
-        most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
-        bounds = limits.get("gyro_walk", (START.gyro_walk, most * START.gyro_walk))
-        densities["gyro_walk"], change["gyro_walk"] = _changed(noise.gyro_walk, growth, bounds)
+        step = _further(_walk(linear, setup, noise, usual), before.get("gyro_walk"))
+        own = _changed(noise.gyro_walk, step, limits.get("gyro_walk", _walk_limits(setup, noise)))
+        densities["gyro_walk"], change["gyro_walk"] = own
     learned = dict(scale)
     for one in linear.measurements:
         if SENSORS[one.name].device == "rest":
@@ -169,6 +166,12 @@ def learn(
         bounds = median / spread**2, median * spread**2
         wandering[name], change[key] = _changed(slow[name], _further(growth, before.get(key)), bounds)
     return replace(noise, **densities), learned, wandering, change
+
+
+def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
+    """Of the density of the gyro bias's walk: where the IMU contradicts the other sensors nothing is learned of it."""
+    most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
+    return START.gyro_walk, most * START.gyro_walk
 
 
 def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> float:

@@ -271,7 +271,7 @@ def test_an_imu_that_is_known_to_sit_askew_is_no_deviation(flight: Flight, best:
     assert estimator_deviations(other, best, Limits(), tilted) == ()
 
 
-WANDERING = replace(START, gyro_walk=6e-4)
+WANDERING = replace(START, gyro_noise=1e-5, accel_noise=1e-4, gyro_walk=6e-4)
 
 
 def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Rival, ...]:
