@@ -145,8 +145,8 @@ def learn(
         densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
     if "gyro_walk" in before or (before and max(abs(one.size) for one in before.values()) < num.DENSITY_NEAR):
         step = _further(_walk(linear, setup, noise, usual), before.get("gyro_walk"))
-        own = _changed(noise.gyro_walk, step, limits.get("gyro_walk", _walk_limits(setup, noise)))
-        densities["gyro_walk"], change["gyro_walk"] = own
+        walk = _changed(noise.gyro_walk, step, limits.get("gyro_walk", _walk_limits(setup, noise)))
+        densities["gyro_walk"], change["gyro_walk"] = walk
     learned = dict(scale)
     for one in linear.measurements:
         if SENSORS[one.name].device == "rest":
