@@ -204,7 +204,6 @@ def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, st
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
-        (best.gyro_wanders and interval.side != "imu", _wanders(best), _FASTER),
         _undecided(interval),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
@@ -254,7 +253,7 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
-        (best.gyro_wanders, _wanders(best), _FASTER),
+        (best.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
         (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
          _ANOTHER),
         (sensor is not None,
