@@ -233,6 +233,11 @@ _CONTRADICTED = (
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 
 
+def _wanders(best: BestEstimate) -> str:
+    lost = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
+    return f"the gyro's bias wanders by {lost:.1f} mrad/s in a minute (1σ): it cannot be told which of them is wrong"
+
+
 _NOT_CONVERGED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
 
 
@@ -248,6 +253,7 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
+        (best.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
         (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
          _ANOTHER),
         (sensor is not None,

@@ -21,6 +21,7 @@ DIFF_MIN_WALK = {"gyro": 4e-5, "accel": 8e-4}  # per √s, at least: twice what 
 FIELD_ANOMALY = 0.04  # 1σ of local anomalies and of a compass calibration's scale, as part of the field
 BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
 UNHEARD_MOTION = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
+GYRO_WALK_SPREAD = 3.0  # factor, 1σ, by which the walks of gyros differ over ten real flights (docs/accuracy.md)
 BIAS_RENEWED_S = 60.0  # unheard for so long, an IMU may have been recalibrated or have cooled: its bias is as at first
 GPS_LATENCY_S = 0.1  # of an ordinary receiver: keyframes stand where its fixes were taken, as far as that is known
 FIELD_MEAN_S = 0.1  # of a field either way, at most

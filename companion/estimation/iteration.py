@@ -155,7 +155,7 @@ def estimate(
     """
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
-    limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
+    limits, path = _limits(setup, start, accepted, limits), carried(setup, start.states, start.path, roughly)
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
     def about(point: Point) -> Linear:
@@ -196,6 +196,14 @@ def estimate(
         if step.gain < num.CONVERGED_MISFIT:
             break
     return Start(step.at(1.0).states, noise, scale, slow, path, gain=step.gain, complete=complete), linear
+
+
+def _limits(
+    setup: Setup, start: Start, accepted: Sequence[Candidate], given: Mapping[str, tuple[float, float]] | None
+) -> Mapping[str, tuple[float, float]]:
+    """What may be learned: a cause takes from what was learned as the gyro's walk before, and adds nothing to it."""
+    walk = {"gyro_walk": (START.gyro_walk, start.noise.gyro_walk)} if accepted else {}
+    return {**walk, **(given or noise_limits(setup))}
 
 
 def likelihood(settled: Start, linear: Linear) -> float:

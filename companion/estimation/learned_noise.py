@@ -23,6 +23,7 @@ from companion.estimation.low_pass import BoolArray
 from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
+    GYRO_BIAS,
     POSITION,
     STATES,
     VELOCITY,
@@ -125,9 +126,8 @@ def learn(
     still = _at_rest(linear)
     usual = _telling(still[:-1] & still[1:], ~across_gaps | across_gaps.all())
     count = max(1, min(num.NOISE_STRETCHES, len(usual) // 8))
-    # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear, solution.disturbances[0])[usual]
-    e -= _means(e, count)
+    e -= _means(e, count)  # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_turn(linear.states.q_ned_frd[usual], e)
     moved = slice(0, 9)  # by the densities that are learned: attitude, velocity and position
     turn = np.zeros((len(usual), 9, 9))
@@ -135,8 +135,7 @@ def learn(
         turn[:, block, block] = linear.turn[usual]
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
-    densities: dict[str, float] = {}
-    change: dict[str, Change] = {}
+    densities, change = dict[str, float](), dict[str, Change]()
     for cause, expected in zip(CAUSES[:2], setup.spectral_noise, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = num.DENSITY_PRIOR_READINGS / len(e) / noise.density(cause) ** 2
@@ -144,6 +143,10 @@ def learn(
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause))
         densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
+    if "gyro_walk" in before or (before and max(abs(one.size) for one in before.values()) < num.DENSITY_NEAR):
+        step = _further(_walk(linear, setup, noise, usual), before.get("gyro_walk"))
+        walk = _changed(noise.gyro_walk, step, limits.get("gyro_walk", _walk_limits(setup, noise)))
+        densities["gyro_walk"], change["gyro_walk"] = walk
     learned = dict(scale)
     for one in linear.measurements:
         if SENSORS[one.name].device == "rest":
@@ -163,6 +166,25 @@ def learn(
         bounds = median / spread**2, median * spread**2
         wandering[name], change[key] = _changed(slow[name], _further(growth, before.get(key)), bounds)
     return replace(noise, **densities), learned, wandering, change
+
+
+def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
+    """Of the density of the gyro bias's walk: where the IMU contradicts the other sensors nothing is learned of it."""
+    most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
+    return START.gyro_walk, most * START.gyro_walk
+
+
+def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
+    """By how much the logarithm of the density of the gyro bias's walk changes, with a log-normal prior.
+
+    A walk goes on all through the flight, a fault begins and ends: a typical stretch tells of the one alone.
+    """
+    e, d = linear.solution.disturbances
+    own = noise.gyro_walk**2 * np.diff(setup.t)[usual, None]
+    believed = 0.5 / np.log(healthy.GYRO_WALK_SPREAD) ** 2 / len(usual)
+    above = (e[usual, GYRO_BIAS] ** 2 * own).sum(axis=1) + believed * (START.gyro_walk / noise.gyro_walk) ** 2
+    below = (np.einsum("kii->ki", d[usual, GYRO_BIAS, GYRO_BIAS]) * own).sum(axis=1) + believed
+    return 0.5 * float(np.log(_typical(above, below)))
 
 
 def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:

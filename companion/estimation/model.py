@@ -9,7 +9,7 @@ from itertools import accumulate
 import numpy as np
 import numpy.typing as npt
 
-from companion.constants import num
+from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.block_tridiagonal import Factor
 from companion.model import Array, ImuTrack, Origin, interpolated, nearest
@@ -291,6 +291,11 @@ class BestEstimate:
     def contradicted(self) -> bool:
         """Whether the IMU fits the other aiding sensors only with far more noise than it shows, at any time."""
         return self.noise.contradicts(self.scatter)
+
+    @property
+    def gyro_wanders(self) -> bool:
+        """Whether the bias of the gyro walks by more than those of parts in order do."""
+        return self.noise.gyro_walk > healthy.GYRO_WALK_SPREAD * num.FIRST_PROCESS_NOISE["gyro_walk"]
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

@@ -21,7 +21,7 @@ from companion.estimation.evidence import Trial
 from companion.estimation.hypotheses import Problem
 from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
-from companion.estimation.learned_noise import believing, noise_limits, persistent_limits, scatter
+from companion.estimation.learned_noise import START, believing, noise_limits, persistent_limits, scatter
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -153,7 +153,7 @@ def next_adaptation(
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
     """
-    begin = replace(settled, states=start.states)
+    begin = replace(settled, states=start.states) if settled.noise.contradicts(shown) else replace(settled, near=True)
     usual = trials(linear.problem, linear.solution)
     candidates = _candidates(usual)
     for limits in _doubted_noise(setup, settled, linear, accepted, shown):
@@ -233,6 +233,8 @@ def _doubted_noise(
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
     if settled.noise.contradicts(shown) and not any(one.hypothesis.side == "imu" for one in accepted):
         yield believing(noise_limits(setup), shown)
+    if settled.noise.gyro_walk > num.WALK_DOUBTED * START.gyro_walk:
+        yield noise_limits(setup) | {"gyro_walk": (START.gyro_walk, START.gyro_walk)}
     if limited := persistent_limits(setup, settled.scale, linear):
         yield noise_limits(setup) | limited
 

@@ -27,6 +27,7 @@ from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained, Rival, Size, hypothesis_of
+from companion.estimation.learned_noise import START
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
@@ -270,6 +271,9 @@ def test_an_imu_that_is_known_to_sit_askew_is_no_deviation(flight: Flight, best:
     assert estimator_deviations(other, best, Limits(), tilted) == ()
 
 
+WANDERING = replace(START, gyro_noise=1e-5, accel_noise=1e-4, gyro_walk=6e-4)
+
+
 def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Rival, ...]:
     """What is not in the best estimate and may be the reason all the same."""
     return (Rival(kind, "step", log_odds, fault),)
@@ -282,8 +286,9 @@ def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Riva
         ({"further": perhaps("compass_field")}, "a fault of the compass", "A second sensor of the same kind"),
         ({"residuals": {}}, "without GPS", "GPS while the vehicle moves"),
         ({"converged": False}, "has not converged", "A second sensor of the same kind"),
+        ({"noise": WANDERING}, "the gyro's bias wanders by 4.6 mrad/s in a minute", "An IMU that is better damped"),
     ],
-    ids=["the accelerometer nearly explains it", "the compass does", "no GPS", "not converged"],
+    ids=["the accelerometer nearly explains it", "the compass does", "no GPS", "not converged", "the gyro wanders"],
 )
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str

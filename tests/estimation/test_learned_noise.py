@@ -123,3 +123,24 @@ def test_a_receiver_whose_position_goes_as_its_velocity_errs_is_in_order() -> No
         off = best.velocity[:, :2] - np.column_stack([np.interp(best.t, truth.t, v) for v in truth.velocity.T[:2]])
         squares.append(np.mean((off / best.sigma(VELOCITY)[:, :2]) ** 2))
     assert np.mean(squares) < 5.0  # three times the usual error: a prior of its size holds it back
+
+
+@pytest.mark.parametrize("walk", [0.0, 6e-4])  # rad/s/√s
+def test_the_walk_of_a_gyro_that_wanders_is_learned(walk: float) -> None:
+    """One that stands still is believed to walk as parts do."""
+    flight, _ = sensed(240.0, "circle", rate=25.0)
+    imu = flight.imu()
+    steps = np.random.default_rng(4).normal(size=(len(imu), 3)) * walk / np.sqrt(imu.rate_hz)
+    setup = set_up(with_imu(flight, replace(imu, gyro=imu.gyro + steps.cumsum(axis=0))), None, STANDARD_GRAVITY, None)
+    settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)))
+    assert settled.noise.gyro_walk == pytest.approx(max(walk, START.gyro_walk), rel=0.5)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.05])  # rad/s
+def test_a_step_of_a_gyro_is_a_fault_and_no_walk(size: float) -> None:
+    flight, _ = sensed(240.0, "circle", rate=25.0)
+    imu = flight.imu()
+    off = np.where(imu.t > 140.0, size, 0.0)[:, None] * [0.0, 1.0, 0.0]
+    best = smooth(with_imu(flight, replace(imu, gyro=imu.gyro + off)))
+    assert [one.kind for one in best.explained] == ["gyro_bias"]
+    assert best.noise.gyro_walk < 2.0 * START.gyro_walk
