@@ -15,7 +15,6 @@ ALLAN_OCTAVES = 3.0  # of τ that count as one point: with it the 95 % intervals
 FIRST_PROCESS_NOISE = {"gyro_noise": 3e-3, "accel_noise": 5e-2, "gyro_walk": 1e-4, "accel_walk": 2e-3}
 # Readings by which a density is believed to be what the spectrum shows, to a factor of two (1σ): a steady hover may
 # show nothing of the gyro's noise, a band in motion more, and folded vibration less than what is integrated
-WALK_DOUBTED = 1.5  # times the usual walk of a gyro, from which on a fault may hide in it
 DENSITY_PRIOR_READINGS = 1.0
 TRUNCATED_S = 0.2  # for which the error of a truncated reading may stay the same
 NOISE_STRETCHES = 12  # of the flight

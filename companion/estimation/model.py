@@ -62,6 +62,11 @@ class ProcessNoise:
         """The same where gyro and accelerometer scatter so many times more."""
         return replace(self, gyro_noise=gyro * self.gyro_noise, accel_noise=accel * self.accel_noise)
 
+    @property
+    def gyro_wanders(self) -> bool:
+        """Whether the bias of the gyro walks by more than those of parts in order do."""
+        return self.gyro_walk > healthy.GYRO_WALK_SPREAD * num.FIRST_PROCESS_NOISE["gyro_walk"]
+
     def contradicts(self, scatter: tuple[float, float]) -> bool:
         """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
         return any(
@@ -295,7 +300,7 @@ class BestEstimate:
     @property
     def gyro_wanders(self) -> bool:
         """Whether the bias of the gyro walks by more than those of parts in order do."""
-        return self.noise.gyro_walk > healthy.GYRO_WALK_SPREAD * num.FIRST_PROCESS_NOISE["gyro_walk"]
+        return self.noise.gyro_wanders
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

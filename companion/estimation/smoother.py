@@ -233,7 +233,7 @@ def _doubted_noise(
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
     if settled.noise.contradicts(shown) and not any(one.hypothesis.side == "imu" for one in accepted):
         yield believing(noise_limits(setup), shown)
-    if settled.noise.gyro_walk > num.WALK_DOUBTED * START.gyro_walk:
+    if settled.noise.gyro_wanders:
         yield noise_limits(setup) | {"gyro_walk": (START.gyro_walk, START.gyro_walk)}
     if limited := persistent_limits(setup, settled.scale, linear):
         yield noise_limits(setup) | limited
