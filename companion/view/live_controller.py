@@ -131,12 +131,12 @@ class LiveController(Controller):
             self._feed.pick(vehicle)
             self.hold(None)
 
-    def choose_camera(self, browser: int, mode: CameraMode) -> None:
+    def choose_camera(self, mode: CameraMode, browser: int) -> None:
         """Move one browser's camera, so that it sees all that has been flown: with the ground where it is."""
         flown = self._history.positions()
         if flown is not None:
             self.browsers.place(replace(frame(*flown), ground=self.browsers.framing.ground))
-        super().choose_camera(browser, mode)
+        super().choose_camera(mode, browser)
 
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""

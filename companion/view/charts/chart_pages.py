@@ -132,7 +132,7 @@ class LiveCharts:
 
     def __init__(self, controls: Controls, window_s: float, picked: Callable[[], object]) -> None:
         """picked: called when others are to be drawn."""
-        runs = {"Since anchor": lambda: self._pick(free=False), "Free run": lambda: self._pick(free=True)}
+        runs = {"Since anchor": lambda _: self._pick(free=False), "Free run": lambda _: self._pick(free=True)}
         controls.row("Show", runs, _ZOOM)
         controls.gui.add_html(STYLE)
         self._window, self._picked, self._free = window_s, picked, False

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import viser
 
 from companion.view.panels import live_text
-from companion.view.panels.controls import Controls, bounded, write
+from companion.view.panels.controls import ChooseCamera, Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.panels.verdict import ChecksFolders
-from companion.view.state.choice import CameraMode
 from companion.view.state.feed import Feed
 from companion.view.state.sending import update
 from companion.view.state.trajectory import FlightChecks
@@ -30,7 +28,7 @@ class LivePanel:
         feed: Feed,
         window_s: float,
         change: Change,
-        choose_camera: Callable[[int, CameraMode], object],
+        choose_camera: ChooseCamera,
     ) -> None:
         """What `pause`, `back` and `vehicle` do is up to whoever builds it."""
         gui = controls.gui
