@@ -15,7 +15,7 @@ import numpy as np
 import viser
 
 from companion.present import palette
-from companion.view.charts.chart_pages import ChartPages, LiveCharts
+from companion.view.panels.chart_pages import ChartPages, LiveCharts
 from companion.view.panels.controls import ChooseCamera, Controls, write
 from companion.view.scene.cameras import (
     CAMERA_MODES,

@@ -19,10 +19,10 @@ from companion.analysis import Finding, Verdict
 from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
-from companion.view.charts.chart_pages import ChartPages
 from companion.view.controller import Controller
 from companion.view.export import PAGE, PICTURE, REPORT, Saver
 from companion.view.ground_map import MapLayer
+from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
@@ -32,8 +32,16 @@ from companion.view.panels.verdict import FindingsTab, drift_tab
 from companion.view.scene.cameras import frame_between, frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
-from companion.view.state.marks import text_marks
-from companion.view.state.moments import AFTER_S, PLAYED_S, Moment, decisive, errors_in, moment_of, shown_curve
+from companion.view.state.moments import (
+    AFTER_S,
+    PLAYED_S,
+    Moment,
+    decisive,
+    errors_in,
+    marks_of,
+    moment_of,
+    shown_curve,
+)
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
 from companion.view.state.sending import update
@@ -340,9 +348,7 @@ class ReplayController(Controller):
     def _say(self) -> None:
         """Lay out what stands beside the picture."""
         display, result = self._display, self._display.result
-        marks = text_marks(self._flight)
-        if result is not None:
-            marks = sorted([*marks, *result.marks], key=lambda mark: mark.t)
+        marks = marks_of(self._flight, result.assessment.verdict.findings if result is not None else ())
         best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)

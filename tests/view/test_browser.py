@@ -27,7 +27,7 @@ from companion.view import (
     export,
     replay_page,
 )
-from companion.view.charts.chart_pages import ChartPages
+from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from companion.view.state.moments import moment_of

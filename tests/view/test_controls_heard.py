@@ -66,7 +66,7 @@ def live() -> Iterator[list[Message]]:
     """All that the page of a link is told."""
     flight = make_flight()
     seen = Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
-    feed = Script(seen, vehicles=("1:1", "2:1"))
+    feed = Script(seen)
     with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
         page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
         yield page.messages
@@ -161,9 +161,7 @@ def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) 
 
 def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str]) -> None:
     flight = make_flight()
-    feed = Script(
-        Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1")
-    )
+    feed = Script(Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None))
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         with plain_page(viewer.url) as page:
             page.listen(

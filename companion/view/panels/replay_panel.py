@@ -136,9 +136,8 @@ def errors_table(sample: Sample, display: DisplayTrajectory) -> str:
     if display.expected is not None:
         allowed = display.expected.at(sample.t)
     height = float(np.sqrt(max(sample.covariance[2, 2], 0.0)))
-    attitude = float(np.hypot(sample.tilt_deg, sample.heading_deg))
     rows = [
-        _error("attitude", attitude, allowed[0], "°"),
+        _error("attitude", sample.attitude_deg, allowed[0], "°"),
         row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), PALE),
         row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), PALE),
     ]

@@ -11,8 +11,7 @@ import viser
 from companion.present import Rgb, palette
 from companion.view.panels.controls import CAMERAS, Call, ChooseCamera, Controls, Key, style, write
 from companion.view.panels.strip import GUTTER, HEIGHT, Bands, legend, markup, strip
-from companion.view.state.marks import Mark, short
-from companion.view.state.moments import PLAYED_S, ErrorCurve, Moment
+from companion.view.state.moments import PLAYED_S, ErrorCurve, Mark, Moment, short
 from companion.view.state.player import Player
 from companion.view.state.sending import update
 

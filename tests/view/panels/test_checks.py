@@ -12,7 +12,7 @@ from companion.analysis.lane_errors import Compared
 from companion.view import FlightChecks
 from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
 from tests.simulated import free_port
-from tests.view.panels.test_live_text import EVIL, read
+from tests.view.panels.test_live_panel import EVIL, read
 
 NOTHING = np.zeros(0)
 CHECKS = (

@@ -25,7 +25,7 @@ from companion.view.scene.cameras import (
     step_back,
     world,
 )
-from companion.view.scene.overlays import LONGEST, SHORTEST, Arrows, arrow_length
+from companion.view.scene.drone import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.state.trajectory import Sample
 from tests.view.circles import make_flight, quaternion, recompute
 

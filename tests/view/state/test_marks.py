@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from companion.model import Flight, StatusText
 from companion.view import Mark
 from companion.view.panels.strip import strip, time_ticks
-from companion.view.state.marks import short, text_marks
+from companion.view.state.moments import marks_of, short
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -62,7 +62,7 @@ def test_what_the_vehicle_said_is_sorted_and_told_apart(flight: Flight) -> None:
         (102.0, 3, "EKF lane switch 1"),
         (103.0, 6, "x"),
     ]
-    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in reported)))
+    marks = marks_of(replace(flight, texts=tuple(StatusText(*text) for text in reported)))
     assert [(mark.t, mark.kind) for mark in marks] == [
         (101.0, "arming"),
         (102.0, "trouble"),

@@ -47,20 +47,6 @@ def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
         assert sample.heading_deg == pytest.approx(np.degrees(down))
 
 
-@given(st.integers(1, 1400))
-def test_the_last_sample_is_what_its_time_gives(count: int) -> None:
-    """The quaternions as rotations: a sign stands for none."""
-    replay = DISPLAY.replay
-    columns = [name for name in Replay.__slots__ if name != "anchors" and np.shape(getattr(replay, name))]
-    cut: dict[str, Any] = {name: getattr(replay, name)[:count] for name in columns}
-    display = display_trajectory(replace(replay, **cut))
-    last, there = display.last, display.at(display.end)
-    for ours, theirs in ((last.q_imu, there.q_imu), (last.q_ref, there.q_ref)):
-        assert abs(float(ours @ theirs)) == pytest.approx(1.0, abs=1e-12)
-    alike = replace(last, q_imu=there.q_imu, q_ref=there.q_ref)
-    assert numbers(alike) == pytest.approx(numbers(there), rel=0, abs=1e-9)
-
-
 def test_the_distance_shown_is_the_distance_drawn(replay: Replay) -> None:
     display = display_trajectory(replay)
     for i in (3, 300, 2000):

@@ -13,8 +13,8 @@ from viser import uplot
 from companion.analysis import Assessment, AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array, Flight
-from companion.present import AXES, Rgb, palette
-from companion.view.charts.chart import DASHED, DOTTED, Dash, Drawing, Line, heading, legend_style, relayout, series
+from companion.present import AXES, QUANTITIES, Rgb, palette
+from companion.view.panels.chart import DASHED, DOTTED, Dash, Drawing, Line, heading, legend_style, relayout, series
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors
 
 
@@ -32,9 +32,8 @@ def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> 
     name, horizon = display.source, display.result.horizon_s
     envelope, expected = None, display.result.allowed
     if expected is not None:
-        figures = (expected.attitude_deg, expected.velocity_mps or 0.0, expected.position_m or 0.0)
-        ends = display.trailing.t[[0, -1]]
-        envelope = Envelope(ends, *(np.full(len(ends), sigma) for sigma in figures))
+        allowed = (getattr(expected, quantity.attribute) or 0.0 for quantity in QUANTITIES)
+        envelope = Envelope(display.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
     after = f" after {horizon:g} s"
     sources, has_position = {name: display.trailing}, display.replay.has_position
     return errors_over_time(sources, colours, envelope, None, after, has_position=has_position)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.charts.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
+from companion.view.panels.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
 
 T = 100.0 + np.arange(0.0, 60.0, 0.01)
 SINE = np.sin(T)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.view import ReplayChoice
-from companion.view.charts.drawings import reading_drawings
+from companion.view.panels.drawings import reading_drawings
 from companion.view.state.trajectory import display_trajectory
 from tests.view.circles import dead_reckon, make_flight
 

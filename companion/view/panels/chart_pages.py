@@ -10,8 +10,9 @@ import numpy as np
 from companion.analysis import LiveVerdict
 from companion.model import Flight
 from companion.present import Rgb, palette
-from companion.view.charts.chart import STYLE, Chart, Drawing
-from companion.view.charts.drawings import (
+from companion.view.panels.chart import STYLE, Chart, Drawing
+from companion.view.panels.controls import Controls
+from companion.view.panels.drawings import (
     NOISE_TITLES,
     LogChart,
     LogDrawing,
@@ -23,9 +24,8 @@ from companion.view.charts.drawings import (
     rate_drawings,
     reading_drawings,
 )
-from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block
-from companion.view.state.history import Curves
+from companion.view.state.live import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 
 PAGES = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis import LiveVerdict
-from companion.view.charts.chart_pages import expected_over
-from companion.view.state.history import Curves
+from companion.view.panels.chart_pages import expected_over
+from companion.view.state.live import Curves
 from companion.view.state.trajectory import Errors
 
 

@@ -14,7 +14,7 @@ from viser import uplot
 
 from companion.model import Array
 from companion.present import Rgb, palette
-from companion.view.state.decimation import Indices, extremes
+from companion.view.state.sending import Indices, extremes
 
 HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
