@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -79,8 +80,7 @@ class ReplayController(Controller):
     ) -> None:
         self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
         self._requested = choice  # last: what is shown may still be the one before
-        self._recompute, self._analyse, self._report = recompute, examine, offer.report
-        self._judge, self._check = offer.judge, offer.check
+        self._recompute, self._analyse, self._offer = recompute, examine, offer
         # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
@@ -195,7 +195,7 @@ class ReplayController(Controller):
             report = gui.add_button(
                 "The report (HTML)",
                 icon=file,
-                visible=self._report is not None,
+                visible=self._offer.report is not None,
                 hint="Verdict, charts and tables of what is shown, to mail or print",
             )
         for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
@@ -209,11 +209,11 @@ class ReplayController(Controller):
         self._save(browser, PICTURE, partial(export.picture, dark=self.dark))
 
     def _save_page(self, browser: int) -> None:
-        make = partial(export.page, self._display, self.drone, self._colours, self._home, dark=self.dark)
+        make = partial(export.replay_page, self._display, self._flight, dark=self.dark)
         self._save(browser, PAGE, lambda _: make().encode())
 
     def _save_report(self, browser: int) -> None:
-        if (report := self._report) is not None:
+        if (report := self._offer.report) is not None:
             flight, choice, display = self._flight, self._choice, self._display
             self._save(browser, REPORT, lambda _: report(flight, choice, display).encode())
 
@@ -246,29 +246,34 @@ class ReplayController(Controller):
         self._examiner.forget()
         self._computer.request(partial(self._recompute, flight, choice), partial(self._take, flight, choice))
 
-    def _examine(self) -> None:
+    def _examine(self, stage: int = 0) -> None:
+        """Order the analysis of what is shown: the verdict, what it rests on, what else is said of the flight."""
         self._examine_at = np.inf
-        if (judge := self._judge) is None:
-            self._examine_all()
-        else:
-            self._examiner.request(partial(judge, self._flight, self._choice, self._display), self._take_verdict)
+        work, _ = self._stages[stage]
+        request = partial(work, self._flight, self._choice, self._display)
+        self._examiner.request(request, partial(self._take_stage, stage))
 
-    def _take_verdict(self, verdict: Verdict | CompanionError) -> None:
-        """The verdict has come; what it rests on follows."""
-        if isinstance(verdict, CompanionError):
-            self._wait(str(verdict))
-            return
-        self._panel.judge(verdict)
-        self._examine_all()
+    @property
+    def _stages(self) -> list[tuple[Any, Callable[[Any], object]]]:
+        """What makes each part of the analysis, and what takes it: the verdict is known seconds before the rest."""
+        stages: tuple[tuple[Any, Callable[[Any], object]], ...] = (
+            (self._offer.judge, self._panel.judge),
+            (self._analyse, self._take_result),
+            (self._offer.check, self._findings.checks.load),
+        )
+        return [one for one in stages if one[0] is not None]
 
-    def _examine_all(self) -> None:
-        self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
+    def _take_stage(self, stage: int, answer: Verdict | AnalysisResult | FlightChecks | CompanionError) -> None:
+        work, take = self._stages[stage]
+        if not isinstance(answer, CompanionError):
+            take(answer)
+            if stage + 1 < len(self._stages):
+                self._examine(stage + 1)
+        elif work is not self._offer.check:
+            self._wait(str(answer))
 
-    def _take_result(self, result: AnalysisResult | CompanionError) -> None:
+    def _take_result(self, result: AnalysisResult) -> None:
         """The analysis has come: findings, tables, what is expected. The page opens at what they say, if untouched."""
-        if isinstance(result, CompanionError):
-            self._wait(str(result))
-            return
         untouched = self._untouched
         self._display = with_result(self._display, result)
         self._opening = decisive(self._display)
@@ -278,12 +283,6 @@ class ReplayController(Controller):
         self._say()
         if untouched:
             self._open()
-        if (check := self._check) is not None:
-            self._examiner.request(partial(check, self._flight, self._choice, self._display), self._take_checks)
-
-    def _take_checks(self, checks: FlightChecks | CompanionError) -> None:
-        if not isinstance(checks, CompanionError):
-            self._findings.checks.load(checks)
 
     @property
     def _untouched(self) -> bool:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Flight
-from companion.present import of_imus
 from companion.view import ReplayChoice
-from companion.view.export import over, page
-from companion.view.scene.vehicle_shapes import drone_for
+from companion.view.export import over, replay_page
 from tests.view.circles import recompute
 
 
@@ -18,7 +16,7 @@ def test_what_is_see_through_shows_the_page_behind() -> None:
 
 
 def test_the_page_is_one_file_that_asks_nobody(flight: Flight) -> None:
-    html = page(recompute(flight, ReplayChoice()), drone_for("QUADROTOR"), of_imus(flight.imus))
+    html = replay_page(recompute(flight, ReplayChoice()), flight)
     assert html.lstrip().lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in html
     assert len(html) < 12e6

@@ -232,14 +232,18 @@ def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | No
     return tuple(np.maximum(column, LEAST_DRIFT) for column in np.array(sorted(rows)).T)
 
 
-def drift_drawings(assessment: Assessment, colour: Rgb) -> list[LogDrawing]:
+def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[LogDrawing]:
     """The drift table, in the colour of the IMU."""
+    if display.result is None:
+        return []
+    colour = colours.get(display.source, palette.IMU)
     styles: tuple[LineStyle, ...] = (
         ("median", colour, 2.2, None),
         ("95 %", colour, 1.2, None),
         ("expected 1σ", palette.CURSOR, 1.4, DASHED),
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
+    assessment = display.result.assessment
     charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
     return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
 
@@ -298,7 +302,7 @@ def _allan(
     return (curve.tau, *(factor * np.maximum(line, 0.1 * seen.min()) for line in lines), factor * sheet * fall)
 
 
-def noise_drawings(noise: ImuNoise | None) -> list[LogDrawing]:
+def noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
     """Spectra in flight and Allan deviations at rest, as far as there are any."""
-    charts = zip(NOISE_TITLES, noise_lines(noise), strict=True)
+    charts = zip(NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
     return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]

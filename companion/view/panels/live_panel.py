@@ -26,7 +26,6 @@ from companion.view.panels.markup import (
     swatch,
     table,
     trouble,
-    waiting,
     wrapped,
 )
 from companion.view.panels.verdict import ChecksFolders
@@ -132,8 +131,8 @@ def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
         old = f"link {state.problem}" if state.problem else f"as of {now.age_s:.0f} s ago" if now.is_stale else ""
         return banner(now.status, _headline(now), capitalised(clause(now.text)), old, stale=_is_dimmed(now))
     if state.problem:
-        return waiting(f"No verdict: {state.problem}")
-    return waiting(why_not or "No verdict yet: the first needs some seconds of data.")
+        return banner("", f"No verdict: {state.problem}")
+    return banner("", why_not or "No verdict yet: the first needs some seconds of data.")
 
 
 def _headline(now: LiveVerdict) -> str:
@@ -144,7 +143,7 @@ def _headline(now: LiveVerdict) -> str:
 
 
 def link(state: LinkState, why_not: str, held_s: float | None) -> str:
-    """Live, held or waiting, and whether it is recorded. held_s: how long ago the held picture was; None: live."""
+    """Live, held or and whether it is recorded. held_s: how long ago the held picture was; None: live."""
     if held_s is not None:
         head = badge(f"PAUSED, {held_s:.1f} s ago", palette.CONTROLS)
     elif state.problem:

@@ -14,7 +14,7 @@ from companion.model import Flight, of_kind
 from companion.present import Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, waiting, wrapped
+from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, wrapped
 from companion.view.panels.strip import Bands
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sending import update
@@ -56,7 +56,7 @@ class Panel:
 
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
-        self._banner.content = waiting(text)
+        self._banner.content = banner("", text)
 
     def choose_flight(self, flight: Flight) -> None:
         """Show which flight it is: another may have been requested in vain."""
