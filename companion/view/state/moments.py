@@ -9,10 +9,20 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from companion.analysis import Finding, Integration, Replay, Verdict, replay
+from companion.analysis import (
+    Assessment,
+    Finding,
+    Integration,
+    Replay,
+    Verdict,
+    errors,
+    expected_since_anchor,
+    replay,
+    trailing,
+)
 from companion.model import Array, DataError, Event, Flight, StatusText, words
 from companion.present import QUANTITIES
-from companion.view.state.trajectory import DisplayTrajectory, joined, worst_stretch
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, joined, with_result, worst_stretch
 
 MarkKind = Literal["finding", "arming", "mode", "trouble", "text", "anchor"]
 
@@ -199,8 +209,8 @@ def moment_of(finding: Finding, display: DisplayTrajectory) -> Moment:
 def cause_of(verdict: Verdict) -> Finding | None:
     """The finding that a verdict is about: that of its cause, else the first of those that leave it open."""
     if (cause := verdict.cause) is not None:
-        errors = (f for f in verdict.findings if f.severity == "error")
-        return min(errors, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
+        faults = (f for f in verdict.findings if f.severity == "error")
+        return min(faults, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
     return next((f for f in verdict.findings if f.undecided or f.severity == "error"), None)
 
 
@@ -252,3 +262,18 @@ def anchored_at_opening(
         return joined(before, replay(seen, imu=imu, how=how, reanchor_s=reanchor_s, start_s=moment.begins_s))
     except DataError:
         return None
+
+
+def analysed(
+    flight: Flight, display: DisplayTrajectory, assessment: Assessment, horizon_s: float, reanchor_s: float | None
+) -> AnalysisResult:
+    """The analysis of what is shown, with the anchor where the page opens, and what is expected from there on."""
+    comparison = assessment.comparison
+    result = AnalysisResult(assessment, errors(comparison, trailing(comparison, horizon_s)), horizon_s)
+    anchored = None
+    if reanchor_s is not None:
+        opened = with_result(display, result)
+        anchored = anchored_at_opening(flight, opened, display.source, comparison.how, reanchor_s)
+    shown = anchored or display.replay
+    expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
+    return replace(result, expected=expected, replay=anchored)

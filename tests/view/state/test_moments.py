@@ -9,10 +9,11 @@ import pytest
 
 from companion.analysis import Cause, Finding, Integration, Verdict, replay
 from companion.analysis.finding import KINDS
-from companion.view import ReplayChoice, anchored_at_opening, display_trajectory, with_result
+from companion.view import ReplayChoice, display_trajectory, with_result
 from companion.view.state.moments import (
     BEFORE_S,
     PLAYED_S,
+    anchored_at_opening,
     decisive,
     errors_in,
     moment_of,
