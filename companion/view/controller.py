@@ -100,11 +100,11 @@ class Browsers:
         # a page that has found its way to another server may keep the camera of the one before
         _stand(client, self._mode, self._opening)
 
-    def look(self, framing: Framing, number: int | None = None) -> None:
-        """Take the cameras that do not follow to a part of the flight: one browser's, or all."""
-        for i, browser in self._open.items():
-            if number in (i, None) and browser.mode in STILL:
-                _stand(browser.client, browser.mode, framing)
+    def look(self, framing: Framing, number: int) -> None:
+        """Take the camera of a browser to a part of the flight, where it does not follow."""
+        browser = self._open.get(number)
+        if browser is not None and browser.mode in STILL:
+            _stand(browser.client, browser.mode, framing)
 
     def settle(self) -> None:
         """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""

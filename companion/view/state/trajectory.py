@@ -97,12 +97,9 @@ class Envelope:
     position_m: Array  # (M,)
     covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (M, 3, 3) of the position, NED, m²
 
-    def at(self, t: float) -> tuple[float, float, float]:
-        """Attitude °, velocity m/s, position m at `t`, s."""
-        attitude, velocity, position = (
-            float(np.interp(t, self.t, line)) for line in (self.attitude_deg, self.velocity_mps, self.position_m)
-        )
-        return attitude, velocity, position
+    def at(self, t: float, attribute: str) -> float:
+        """One of them at `t`, s."""
+        return float(np.interp(t, self.t, getattr(self, attribute)))
 
     def ellipsoid(self, t: float) -> Array:
         """Covariance of the position (3, 3) at `t`, s: on a straight line between those that are known."""
