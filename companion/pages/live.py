@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
 
 import msgspec
 
-from companion.analysis import DriftRow, LiveVerdict, Preflight
+from companion.analysis import Preflight
 from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.links import Clock, RequestState
 from companion.model import DataError, Flight
-from companion.view import LONGEST_REANCHOR_S, LinkState, ReplayChoice, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, LinkState, LiveStatus, ReplayChoice, Seen, StreamState
 
 _MOST_MESSAGES = 100  # that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
@@ -49,11 +48,6 @@ class LiveFeed:
         self._verdict = RunningVerdict(self._assignment())
 
     @property
-    def messages(self) -> Sequence[str]:
-        """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
-        return tuple(self._messages)
-
-    @property
     def choice(self) -> ReplayChoice:
         return self._choice
 
@@ -84,15 +78,27 @@ class LiveFeed:
         self._watch.reanchor_s = seconds
 
     @property
-    def why_not(self) -> str:
-        return self._watch.why_not
+    def status(self) -> LiveStatus:
+        """The messages are a copy, made at once: the page draws while `look` adds to them."""
+        link = self._link
+        silent, shown = bool(link.problem), self._shown
+        others = [name for name in self._verdict.vehicles if shown and name not in ("", shown)]
+        if (now := time.monotonic()) >= self._check_due:
+            self._check_due = now + _CHECKED_S
+            self._preflight = None if self._flight is None else checks_on_the_ground(self._flight)
+        return LiveStatus(
+            link,
+            self._verdict.read(shown, silent=silent),
+            [self._verdict.read(name, silent=silent) for name in others],
+            self._watch.why_not,
+            self._watch.vehicles,
+            tuple(self._messages),
+            self._watch.drift,
+            self._preflight,
+        )
 
     @property
-    def vehicles(self) -> Sequence[str]:
-        return self._watch.vehicles
-
-    @property
-    def link(self) -> LinkState:
+    def _link(self) -> LinkState:
         report = self._attachment.report
         return LinkState(
             link=report.link,
@@ -109,30 +115,6 @@ class LiveFeed:
             recorded_bytes=report.recorded_bytes,
             recording_problem=report.recording_problem,
         )
-
-    @property
-    def drift(self) -> Sequence[DriftRow]:
-        return self._watch.drift
-
-    @property
-    def verdict(self) -> LiveVerdict:
-        return self._verdict.read(self._shown, silent=self._is_silent)
-
-    @property
-    def other_verdicts(self) -> Sequence[LiveVerdict]:
-        names = [name for name in self._verdict.vehicles if name not in ("", self._shown)]
-        return [self._verdict.read(name, silent=self._is_silent) for name in names] if self._shown else []
-
-    @property
-    def preflight(self) -> Preflight | None:
-        if (now := time.monotonic()) >= self._check_due:
-            self._check_due = now + _CHECKED_S
-            self._preflight = None if self._flight is None else checks_on_the_ground(self._flight)
-        return self._preflight
-
-    @property
-    def _is_silent(self) -> bool:
-        return bool(self._attachment.report.problem)
 
     def wait(self, timeout_s: float) -> None:
         self._attachment.wait(timeout_s)

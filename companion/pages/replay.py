@@ -20,13 +20,10 @@ from companion.analysis import (
     Integration,
     Replay,
     Verdict,
-    errors,
     expected_over,
-    expected_since_anchor,
     imu_noise,
     replay,
     replay_from_rest,
-    trailing,
 )
 from companion.app.correction import load_correction
 from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of, redundant_lanes
@@ -41,11 +38,10 @@ from companion.view import (
     Offer,
     ReplayChoice,
     Viewer,
-    anchored_at_opening,
+    analysed,
     chosen_track,
     display_trajectory,
     first_horizon,
-    with_result,
 )
 
 _SAME_S = 0.01  # the page rounds the start that it shows
@@ -91,23 +87,12 @@ class Answers:
         """The analysis of what is shown: the same numbers as `companion analyze`."""
         examined = self._examination(flight, choice, display)
         assessment = examined.assessment
-        comparison = assessment.comparison
-        result = AnalysisResult(
-            assessment,
-            trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
-            horizon_s=choice.horizon_s,
+        return replace(
+            analysed(flight, display, assessment, choice.horizon_s, choice.reanchor_s),
             redundant_imus=examined.redundant_imus,
             noise=_noise_of(flight, assessment),
             calibrated=_calibrated(assessment, choice.horizon_s),
         )
-        anchored = None
-        if choice.reanchor_s is not None:
-            anchored = anchored_at_opening(
-                flight, with_result(display, result), choice.imu, choice.integration(flight), choice.reanchor_s
-            )
-        shown = display.replay if anchored is None else anchored
-        expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
-        return replace(result, expected=expected, replay=anchored)
 
     def check(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> FlightChecks:
         """What `companion lanes` and `companion preflight` print, where the log has it."""

@@ -1,10 +1,9 @@
 """A flight's examination as one HTML file that needs no network, and what such pages are made of."""
 
 from companion.present import markup
-from companion.report.drift import error_panels
+from companion.report.drift import error_panels, plot_drift, plot_errors, plot_path
 from companion.report.html_page import Charts, Section, laid_out, sheet
 from companion.report.incident import incident_html
 from companion.report.page import report_html
-from companion.report.plot import plot_drift, plot_errors, plot_path
 from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
 from companion.report.track_and_altitude import ground_track

@@ -1,4 +1,4 @@
-"""The errors over the flight, the drift of the IMU alone, the expected drift, and its causes."""
+"""The errors over the flight, the drift of the IMU alone, expected drift and its causes; plots of it for a notebook."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Drift, Expectation, Expected, Replay, left_out
-from companion.model import Array
+from companion.analysis import Assessment, Drift, Expectation, Expected, Replay, expected_since_anchor, left_out
+from companion.estimation import BestEstimate
+from companion.installation import missing
+from companion.model import Array, DataError, Flight, InputError
 from companion.present import (
     QUANTITIES,
     STATISTICS,
@@ -22,8 +24,9 @@ from companion.present import (
     words,
 )
 from companion.report import traces
+from companion.report.html_page import laid_out
 from companion.report.subject import Subject
-from companion.report.track_and_altitude import regained
+from companion.report.track_and_altitude import ground_track, regained
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
@@ -248,3 +251,42 @@ def _room(error: Array, sigma: Array | None) -> dict[str, object]:
     if sigma is not None and len(sigma):
         top = max(1.1 * top, min(3.3 * float(sigma.max()), 3.0 * top))
     return {"range": [0, top or 1.0]}
+
+
+def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
+    """The IMU alone minus the autopilot over time; with an assessment, beside the expected error (1σ, 3σ).
+
+    Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
+    """
+    expected = None
+    if assessment is not None:
+        expected = expected_since_anchor(assessment.comparison, assessment.imu_spec, assessment.autopilot, shown)
+    panels = error_panels(shown, expected, palette.IMU)
+    return _figure(traces.stack(panels, traces.TIME), 60 + 190 * len(panels))
+
+
+def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | None = None) -> Any:
+    """The ground track of the autopilot, and of the IMU alone and the best estimate where they are given.
+
+    Raises DataError for a flight without a position.
+    """
+    figure = ground_track(flight, shown, palette.IMU, best)
+    if figure is None:
+        raise DataError("This flight has no position: there is no path to draw.")
+    return _figure(figure, 600)
+
+
+def plot_drift(table: Drift) -> Any:
+    """The drift table: median, 95 % and worst of each error against the seconds on the IMU alone."""
+    if not any(row.windows for row in table.rows):
+        raise InputError("No window of this table could be used: there is nothing to draw.")
+    figure, count = drift_chart(table)
+    return _figure(figure, 60 + 190 * count)
+
+
+def _figure(figure: Any, height: int) -> Any:
+    try:
+        from plotly import graph_objects  # noqa: PLC0415  (an extra)
+    except ImportError:
+        raise missing("report", "charts need plotly") from None
+    return graph_objects.Figure(laid_out(figure)).update_layout(height=height)

@@ -26,8 +26,8 @@ from companion.present import (
     text,
     vehicle_words,
 )
-from companion.report import checks, drift, provenance, sensors
-from companion.report.findings import bare_findings, findings
+from companion.report import drift, provenance, sensors
+from companion.report.findings import bare_findings, findings, lanes_section, preflight_section
 from companion.report.html_page import Charts, Section, sheet
 from companion.report.subject import Subject, subject_of
 from companion.report.track_and_altitude import ground, track
@@ -167,7 +167,7 @@ def report_html(
     drawn = flight, subject.replay, subject.colour, charts, assessment.best
     first = head(subject, ground(*drawn))
     sections = [Section(anchor, title, body(subject), anchor not in _OPEN) for anchor, title, body in _SECTIONS]
-    sections += [*checks.lanes_section(subject), *checks.preflight_section(subject)]
+    sections += [*lanes_section(subject), *preflight_section(subject)]
     sections.append(Section("track", "Altitude", track(*drawn), folded=True))
     data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:

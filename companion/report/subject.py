@@ -12,11 +12,8 @@ from companion.analysis import (
     Finding,
     ImuNoise,
     Replay,
-    errors,
-    expected_since_anchor,
     imu_noise,
     replay,
-    trailing,
 )
 from companion.app.examination import Examination
 from companion.app.recording import Source
@@ -24,7 +21,7 @@ from companion.app.settings import Settings
 from companion.model import CompanionError, DataError, Flight
 from companion.present import palette
 from companion.report.html_page import Charts
-from companion.view import AnalysisResult, anchored_at_opening, display_trajectory, first_horizon, with_result
+from companion.view import analysed, display_trajectory, first_horizon
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,25 +101,16 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     except CompanionError as error:
         why = str(error)
     expected = None
-    if shown is not None and settings.view.reanchor_s:
-        shown = _as_the_page_opens(examined, shown, settings)
     if shown is not None:
-        expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
+        # With the anchor that `companion view` adds where it opens, so that both have the same numbers.
+        display, horizon_s = display_trajectory(shown, track), first_horizon(settings.drift.horizons_s)
+        result = analysed(flight, display, assessment, horizon_s, settings.view.reanchor_s or None)
+        shown, expected = result.replay or shown, result.expected
     try:
         noise: ImuNoise | str = imu_noise(flight, track.source, assessment.imu_spec, how.limits)
     except DataError as error:
         noise = str(error)
     return Subject(examined, source, settings, charts, shown, why, expected, noise)
-
-
-def _as_the_page_opens(examined: Examination, shown: Replay, settings: Settings) -> Replay:
-    """With the anchor that `companion view` adds where it opens, so that both have the same numbers."""
-    comparison = examined.assessment.comparison
-    horizon_s = first_horizon(settings.drift.horizons_s)
-    result = AnalysisResult(examined.assessment, errors(comparison, trailing(comparison, horizon_s)), horizon_s)
-    display = with_result(display_trajectory(shown, comparison.track), result)
-    source = comparison.track.source
-    return anchored_at_opening(examined.flight, display, source, comparison.how, settings.view.reanchor_s) or shown
 
 
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))

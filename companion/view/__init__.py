@@ -4,11 +4,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon
-from companion.view.state.decimation import extremes
-from companion.view.state.feed import Feed, LinkState, Seen, StreamState
-from companion.view.state.marks import Mark
-from companion.view.state.moments import anchored_at_opening
+from companion.view.state.live import Feed, LinkState, LiveStatus, Seen, StreamState
+from companion.view.state.moments import Mark, analysed
 from companion.view.state.places import best_path
+from companion.view.state.sending import extremes
 from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,

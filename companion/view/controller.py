@@ -10,14 +10,13 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import viser
 
 from companion.present import palette
-from companion.view.charts.chart_pages import ChartPages, LiveCharts
-from companion.view.panels.controls import Controls, write
+from companion.view.panels.chart_pages import ChartPages, LiveCharts
+from companion.view.panels.controls import ChooseCamera, Controls, write
 from companion.view.scene.cameras import (
     CAMERA_MODES,
     STILL,
@@ -58,7 +57,7 @@ class Browsers:
         server: viser.ViserServer,
         folder: viser.GuiFolderHandle,
         controls: Controls,
-        choose: Callable[[int, CameraMode], object],
+        choose: ChooseCamera,
         mode: CameraMode,
         framing: Framing,
     ) -> None:
@@ -95,17 +94,17 @@ class Browsers:
             return
         with self._folder:  # the list is this browser's own, in the folder that all share
             chooser = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
-        self._controls.on_change(chooser, partial(self._choose, number))
+        self._controls.on_change(chooser, lambda mode: self._choose(mode, number))
         frame = client.scene.add_frame(WORLD, show_axes=False)
         self._open[number] = _Browser(client, frame, chooser, UNMOVED, self._mode)
         # a page that has found its way to another server may keep the camera of the one before
         _stand(client, self._mode, self._opening)
 
-    def look(self, framing: Framing, number: int | None = None) -> None:
-        """Take the cameras that do not follow to a part of the flight: one browser's, or all."""
-        for i, browser in self._open.items():
-            if number in (i, None) and browser.mode in STILL:
-                _stand(browser.client, browser.mode, framing)
+    def look(self, framing: Framing, number: int) -> None:
+        """Take the camera of a browser to a part of the flight, where it does not follow."""
+        browser = self._open.get(number)
+        if browser is not None and browser.mode in STILL:
+            _stand(browser.client, browser.mode, framing)
 
     def settle(self) -> None:
         """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""
@@ -265,7 +264,7 @@ class Controller:
         self.joined_at = time.monotonic()
         self._laying_out = [self.joined_at + s for s in _LAID_OUT]
 
-    def choose_camera(self, browser: int, mode: CameraMode) -> None:
+    def choose_camera(self, mode: CameraMode, browser: int) -> None:
         """Move one browser's camera otherwise."""
         self.browsers.choose(browser, mode)
         self.stale = True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Any
 
@@ -14,13 +14,13 @@ import viser
 from PIL import Image
 from viser.infra._infra import _remap_binary_placeholder_indices
 
-from companion.model import Array, CompanionError, Flight
-from companion.present import Rgb, palette
+from companion.model import CompanionError, Flight
+from companion.present import palette
 from companion.view.scene.cameras import camera, frame, readable_span
 from companion.view.scene.drone import Move
 from companion.view.scene.names import unseen
 from companion.view.scene.scene import Scene
-from companion.view.scene.vehicle_shapes import Drone, drone_for
+from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.server.origin_check import script_of
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
@@ -63,20 +63,8 @@ def over(rgba: Pixels, grey: int) -> Pixels:
 
 
 def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = False) -> str:
-    """`page` for who has no view open."""
-    colours = palette.of_imus(flight.imus)
-    return page(display, drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
-
-
-def page(
-    display: DisplayTrajectory,
-    drone: Drone,
-    colours: Mapping[str, Rgb] | None = None,
-    home: Array | None = None,
-    *,
-    dark: bool = False,
-) -> str:
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
+    drone = drone_for(flight.vehicle.type)
     framing = frame(display.replay.position_ref, display.replay.position_imu)
     view = camera("Free", framing)
     # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile. Nobody knows
@@ -86,7 +74,7 @@ def page(
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
             view.begin(server.initial_camera)
             scene = Scene(server.scene, drone)
-            scene.load(display, framing, drone, colours or {}, home)
+            scene.load(display, framing, drone, palette.of_imus(flight.imus), home_position(flight))
             scene.trails(-np.inf, np.inf)
             scene.seen_from(view.position)
             span = readable_span(framing.distance, drone.span_m, 1.0)

@@ -111,11 +111,11 @@ def ground_map(
     corners = np.stack([framing.low - around, framing.high + around])[:, :2]
     tiles = tiles_over(*local.places(corners).ravel().tolist())
     pixels = np.zeros((tiles.rows * _PIXELS, tiles.columns * _PIXELS, 3), dtype=np.uint8)
-    end, store = time.monotonic() + timeout_s, _Store(url, folder or cache_folder() / "map-tiles")
+    end, folder = time.monotonic() + timeout_s, folder or cache_folder() / "map-tiles"
     for row, column, x, y in tiles:
-        tile = store.tile(tiles.zoom, x, y, end)
+        tile = _tile(url, folder, (tiles.zoom, x, y), end)
         pixels[row * _PIXELS : (row + 1) * _PIXELS, column * _PIXELS : (column + 1) * _PIXELS] = tile
-    store.tidy()
+    _tidy(folder)
     low, high = local.ground(np.array(tiles.corners).reshape(2, 2))
     return MapPicture(pixels, (low + high) / 2, high - low, credit(url))
 
@@ -137,35 +137,35 @@ def cache_folder() -> Path:
     return Path(base) / "mavlink-companion"
 
 
-class _Store:
-    """Tiles on the disk, and from the server where they are not there or old."""
+def _tile(url: str, folder: Path, place: tuple[int, int, int], end: float) -> Pixels:
+    """(256, 256, 3), from the disk, or from the server where it is not there or old.
 
-    def __init__(self, url: str, folder: Path) -> None:
-        self._url, self._folder = url, folder
-        self._mark = hashlib.sha256(url.encode()).hexdigest()[:12]
+    place: zoom, x and y; end: of a monotonic clock, until when the server may take.
+    """
+    mark = hashlib.sha256(url.encode()).hexdigest()[:12]
+    kept = folder / "-".join((mark, *map(str, place)))
+    with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is requested
+        if time.time() - kept.stat().st_mtime < _FRESH_S:
+            return _decoded(kept.read_bytes())
+    for key, number in zip("zxy", place, strict=True):
+        url = url.replace(f"{{{key}}}", str(number))
+    data = _fetched(url, end)
+    pixels = _decoded(data)
+    with contextlib.suppress(OSError):  # without a cache it is only fetched again
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=folder)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(part).replace(kept)
+    return pixels
 
-    def tile(self, zoom: int, x: int, y: int, end: float) -> Pixels:
-        """(256, 256, 3). end: of a monotonic clock, until when the server may take."""
-        kept = self._folder / f"{self._mark}-{zoom}-{x}-{y}"
-        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is requested
-            if time.time() - kept.stat().st_mtime < _FRESH_S:
-                return _decoded(kept.read_bytes())
-        data = _fetched(self._url.replace("{z}", str(zoom)).replace("{x}", str(x)).replace("{y}", str(y)), end)
-        pixels = _decoded(data)
-        with contextlib.suppress(OSError):  # without a cache it is only fetched again
-            self._folder.mkdir(parents=True, exist_ok=True)
-            handle, part = tempfile.mkstemp(dir=self._folder)
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            Path(part).replace(kept)
-        return pixels
 
-    def tidy(self) -> None:
-        """Let the oldest go, where there are too many."""
-        with contextlib.suppress(OSError):
-            kept = sorted(self._folder.iterdir(), key=lambda path: -path.stat().st_mtime)
-            for path in kept[_MOST_KEPT:]:
-                path.unlink(missing_ok=True)
+def _tidy(folder: Path) -> None:
+    """Let the oldest tiles go, where there are too many."""
+    with contextlib.suppress(OSError):
+        kept = sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime)
+        for path in kept[_MOST_KEPT:]:
+            path.unlink(missing_ok=True)
 
 
 def _fetched(url: str, end: float) -> bytes:

@@ -13,19 +13,17 @@ import viser
 
 from companion.model import DataError, Flight
 from companion.present import vehicle_words
-from companion.view.charts.chart_pages import LiveCharts
 from companion.view.controller import Controller
-from companion.view.panels import live_text
+from companion.view.panels.chart_pages import LiveCharts
 from companion.view.panels.controls import Controls, Post, bounded, dock
-from companion.view.panels.live_panel import LivePanel
+from companion.view.panels.live_panel import LivePanel, numbers
 from companion.view.panels.replay_panel import flight_data
 from companion.view.panels.strip import bands
 from companion.view.scene.cameras import frame
 from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
-from companion.view.state.feed import Feed, Seen
-from companion.view.state.history import FreeRun, History, Past, free_run, present
+from companion.view.state.live import Feed, FreeRun, History, Past, Seen, free_run, present
 from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
@@ -127,16 +125,16 @@ class LiveController(Controller):
 
     def _pick_vehicle(self, vehicle: str) -> None:
         """Look at another vehicle of the link."""
-        if vehicle in self._feed.vehicles:
+        if vehicle in self._feed.status.vehicles:
             self._feed.pick(vehicle)
             self.hold(None)
 
-    def choose_camera(self, browser: int, mode: CameraMode) -> None:
+    def choose_camera(self, mode: CameraMode, browser: int) -> None:
         """Move one browser's camera, so that it sees all that has been flown: with the ground where it is."""
         flown = self._history.positions()
         if flown is not None:
             self.browsers.place(replace(frame(*flown), ground=self.browsers.framing.ground))
-        super().choose_camera(browser, mode)
+        super().choose_camera(mode, browser)
 
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
@@ -191,7 +189,7 @@ class LiveController(Controller):
     def _sample(self) -> Sample | None:
         """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
         if self._held is None:
-            return self._display.last if self._display else None
+            return self._display.at(self._display.end) if self._display else None
         past, at = self._held
         sample = past.display.at(at)
         return replace(sample, t=sample.t + past.end)
@@ -201,22 +199,23 @@ class LiveController(Controller):
         return self._free if self._held is None else self._held[0].free_at(self._held[1])
 
     def _report(self, sample: Sample | None) -> None:
+        status, held_s = self._feed.status, None
         if sample is not None and self._display is not None:
             self._live_trails.resize(self.annotate(sample))
-            silent = self._held is None and bool(self._feed.link.problem)
+            silent = self._held is None and bool(status.link.problem)
             has_position = self._display.replay.has_position
-            numbers = live_text.numbers(sample, self._free_now(), has_position=has_position, silent=silent)
-            update(self._panel.numbers, content=numbers)
+            shown = numbers(sample, self._free_now(), has_position=has_position, silent=silent)
+            update(self._panel.numbers, content=shown)
             if self._flight is not None and sample.t >= self._flight.start:
                 below = bands(self._flight, self._display)
                 data = flight_data(sample, self._flight, below, has_position=has_position, of_log=False)
                 update(self._panel.flight, content=data)
-        held_s = None if self._held is None or self._display is None or sample is None else self._display.end - sample.t
-        self._panel.report(self._feed, held_s)
+            held_s = None if self._held is None else self._display.end - sample.t
+        self._panel.report(status, held_s)
 
     def _chart(self) -> None:
         if self._held is not None:
             past, at = self._held
-            self._charts.show(past.curves, at, self._feed.verdict)
+            self._charts.show(past.curves, at, self._feed.status.verdict)
         elif len(self._history) > 1 and self.browsers:
-            self._charts.show(self._history.curves(), 0.0, self._feed.verdict)
+            self._charts.show(self._history.curves(), 0.0, self._feed.status.verdict)

@@ -20,7 +20,7 @@ from companion.view.panels.controls import Call, Post
 from companion.view.replay_controller import ReplayController
 from companion.view.server.web_server import close_server, find_address, open_server
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
-from companion.view.state.feed import Feed
+from companion.view.state.live import Feed
 from companion.view.state.player import Player
 
 POSE_HZ = 30.0

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -19,10 +20,10 @@ from companion.analysis import Finding, Verdict
 from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
-from companion.view.charts.chart_pages import ChartPages
 from companion.view.controller import Controller
 from companion.view.export import PAGE, PICTURE, REPORT, Saver
 from companion.view.ground_map import MapLayer
+from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
 from companion.view.panels.replay_panel import Panel
@@ -32,8 +33,16 @@ from companion.view.panels.verdict import FindingsTab, drift_tab
 from companion.view.scene.cameras import frame_between, frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
-from companion.view.state.marks import text_marks
-from companion.view.state.moments import AFTER_S, PLAYED_S, Moment, decisive, errors_in, moment_of, shown_curve
+from companion.view.state.moments import (
+    AFTER_S,
+    PLAYED_S,
+    Moment,
+    decisive,
+    errors_in,
+    marks_of,
+    moment_of,
+    shown_curve,
+)
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
 from companion.view.state.sending import update
@@ -71,8 +80,7 @@ class ReplayController(Controller):
     ) -> None:
         self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
         self._requested = choice  # last: what is shown may still be the one before
-        self._recompute, self._analyse, self._report = recompute, examine, offer.report
-        self._judge, self._check = offer.judge, offer.check
+        self._recompute, self._analyse, self._offer = recompute, examine, offer
         # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
@@ -187,7 +195,7 @@ class ReplayController(Controller):
             report = gui.add_button(
                 "The report (HTML)",
                 icon=file,
-                visible=self._report is not None,
+                visible=self._offer.report is not None,
                 hint="Verdict, charts and tables of what is shown, to mail or print",
             )
         for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
@@ -201,11 +209,11 @@ class ReplayController(Controller):
         self._save(browser, PICTURE, partial(export.picture, dark=self.dark))
 
     def _save_page(self, browser: int) -> None:
-        make = partial(export.page, self._display, self.drone, self._colours, self._home, dark=self.dark)
+        make = partial(export.replay_page, self._display, self._flight, dark=self.dark)
         self._save(browser, PAGE, lambda _: make().encode())
 
     def _save_report(self, browser: int) -> None:
-        if (report := self._report) is not None:
+        if (report := self._offer.report) is not None:
             flight, choice, display = self._flight, self._choice, self._display
             self._save(browser, REPORT, lambda _: report(flight, choice, display).encode())
 
@@ -238,29 +246,34 @@ class ReplayController(Controller):
         self._examiner.forget()
         self._computer.request(partial(self._recompute, flight, choice), partial(self._take, flight, choice))
 
-    def _examine(self) -> None:
+    def _examine(self, stage: int = 0) -> None:
+        """Order the analysis of what is shown: the verdict, what it rests on, what else is said of the flight."""
         self._examine_at = np.inf
-        if (judge := self._judge) is None:
-            self._examine_all()
-        else:
-            self._examiner.request(partial(judge, self._flight, self._choice, self._display), self._take_verdict)
+        work, _ = self._stages[stage]
+        request = partial(work, self._flight, self._choice, self._display)
+        self._examiner.request(request, partial(self._take_stage, stage))
 
-    def _take_verdict(self, verdict: Verdict | CompanionError) -> None:
-        """The verdict has come; what it rests on follows."""
-        if isinstance(verdict, CompanionError):
-            self._wait(str(verdict))
-            return
-        self._panel.judge(verdict)
-        self._examine_all()
+    @property
+    def _stages(self) -> list[tuple[Any, Callable[[Any], object]]]:
+        """What makes each part of the analysis, and what takes it: the verdict is known seconds before the rest."""
+        stages: tuple[tuple[Any, Callable[[Any], object]], ...] = (
+            (self._offer.judge, self._panel.judge),
+            (self._analyse, self._take_result),
+            (self._offer.check, self._findings.checks.load),
+        )
+        return [one for one in stages if one[0] is not None]
 
-    def _examine_all(self) -> None:
-        self._examiner.request(partial(self._analyse, self._flight, self._choice, self._display), self._take_result)
+    def _take_stage(self, stage: int, answer: Verdict | AnalysisResult | FlightChecks | CompanionError) -> None:
+        work, take = self._stages[stage]
+        if not isinstance(answer, CompanionError):
+            take(answer)
+            if stage + 1 < len(self._stages):
+                self._examine(stage + 1)
+        elif work is not self._offer.check:
+            self._wait(str(answer))
 
-    def _take_result(self, result: AnalysisResult | CompanionError) -> None:
+    def _take_result(self, result: AnalysisResult) -> None:
         """The analysis has come: findings, tables, what is expected. The page opens at what they say, if untouched."""
-        if isinstance(result, CompanionError):
-            self._wait(str(result))
-            return
         untouched = self._untouched
         self._display = with_result(self._display, result)
         self._opening = decisive(self._display)
@@ -270,12 +283,6 @@ class ReplayController(Controller):
         self._say()
         if untouched:
             self._open()
-        if (check := self._check) is not None:
-            self._examiner.request(partial(check, self._flight, self._choice, self._display), self._take_checks)
-
-    def _take_checks(self, checks: FlightChecks | CompanionError) -> None:
-        if not isinstance(checks, CompanionError):
-            self._findings.checks.load(checks)
 
     @property
     def _untouched(self) -> bool:
@@ -340,9 +347,7 @@ class ReplayController(Controller):
     def _say(self) -> None:
         """Lay out what stands beside the picture."""
         display, result = self._display, self._display.result
-        marks = text_marks(self._flight)
-        if result is not None:
-            marks = sorted([*marks, *result.marks], key=lambda mark: mark.t)
+        marks = marks_of(self._flight, result.assessment.verdict.findings if result is not None else ())
         best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)

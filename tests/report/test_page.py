@@ -1,4 +1,4 @@
-"""The page as a file: every log has one, it says what it cannot show, and nothing that a vehicle says is markup."""
+"""The page as a file: every log has one, with the numbers of `companion analyze`, and no vehicle's text is markup."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import gzip
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from companion.analysis import Finding
+from companion.app.examination import examine
+from companion.app.recording import read_recording
 from companion.app.settings import Settings, load_settings
 from companion.cli import main
-from companion.present import STATISTICS
+from companion.present import STATISTICS, palette
+from companion.report import html_page, report_html
 from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import Writer, resting
@@ -46,14 +51,19 @@ def hostile_log(folder: Path) -> Path:
     return writer.close()
 
 
-def test_a_report_of_everything_has_every_section(tmp_path: Path) -> None:
-    page = report(DEMO, tmp_path / "report.html")
-    found = Contents(page)
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The report of the demo, with its playback."""
+    return report(DEMO, tmp_path_factory.mktemp("report") / "demo.html")
+
+
+def test_a_report_of_everything_has_every_section_and_can_be_mailed(demo: str) -> None:
+    found = Contents(demo)
     assert list(found.sections) == SECTIONS
     assert not any("Not drawn" in words or "Not made" in words for words in found.sections.values())
     assert len(found.figures) >= 9
     assert json.loads(found.scripts["player"]).lstrip().lower().startswith("<!doctype html>")
-    assert len(page) < 8e6
+    assert len(demo.encode()) < 3_000_000
     assert "INS_GYR_ID" in found.sections["log"]
     assert "GUIDED" in found.sections["log"]
 
@@ -160,11 +170,6 @@ def test_a_report_needs_no_plotly_of_python(tmp_path: Path, monkeypatch: pytest.
     assert b"Licensed under the MIT license" in gzip.decompress(base64.b64decode(packed))[:300]
 
 
-def test_a_report_with_its_playback_can_be_mailed(tmp_path: Path) -> None:
-    report(DEMO, tmp_path / "report.html")
-    assert (tmp_path / "report.html").stat().st_size < 3_000_000
-
-
 def test_the_settings_on_the_page_are_a_settings_file(tmp_path: Path) -> None:
     log, own = resting(tmp_path / "rest.tlog"), tmp_path / "own.toml"
     own.write_text("[drift]\nhorizons_s = [1, 4]\n[integration]\ngravity = 9.8\n")
@@ -178,3 +183,113 @@ def test_the_settings_on_the_page_are_a_settings_file(tmp_path: Path) -> None:
     assert load_settings(again).integration.method == "euler"
     twice = report(log, tmp_path / "twice.html", "--config", str(again), "--no-playback")
     assert Contents(twice).scripts["companion"] == Contents(page).scripts["companion"]
+
+
+def close(cell: str, value: float | None) -> bool:
+    """Whether a cell of three digits says the value."""
+    if value is None:
+        return cell == "–"
+    return abs(float(cell) - value) <= max(0.006 * abs(value), 0.0006)
+
+
+def test_report_and_json_say_the_same(demo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyze", DEMO, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    found = Contents(demo)
+    assert json.loads(found.scripts["companion"]) == document
+    flight = document["flights"][0]
+    assert flight["verdict"]["summary"] in re.sub("&#x27;", "'", demo)
+
+    rows = [row for row in found.tables["drift-table"] if row[0].endswith(" s")]
+    assert len(rows) == len(flight["drift"]) == 5
+    for cells, row in zip(rows, flight["drift"], strict=True):
+        assert cells[:2] == [f"{row['horizon_s']:g} s", str(row["windows"])]
+        values = []
+        for quantity in ("attitude_deg", "velocity_mps", "position_m"):
+            values += [row[quantity][key] for key in STATISTICS] + [row["expected"][quantity]]
+        assert all(close(cell, value) for cell, value in zip(cells[2:], values, strict=True))
+
+    for cells, row in zip(found.tables["inside-table"][2:], flight["consistency"], strict=True):
+        judged, quantities = row["judged"], ("attitude", "velocity", "position")
+        assert [cells[0], *cells[2:5]] == [f"{row['horizon_s']:g} s", *(f"{row[q]:.0%}" for q in quantities)]
+        assert cells[5:] == [str(judged["windows"]), *(f"{judged[q]:.0%}" for q in quantities)]
+    for cells, imu in zip(found.tables["imus-table"][1:], flight["imus"], strict=True):
+        assert cells[0] == imu["message"]
+        assert close(cells[3], imu["attitude_deg"]["median"])
+        assert close(cells[4], imu["position_m"]["median"])
+    for cells, imu in zip(found.tables["rates-table"][1:], flight["imu"], strict=True):
+        assert cells[:2] == [imu["message"], str(imu["samples"])]
+    fitted = flight["calibration"]["gyro_bias_radps"]
+    said = ", ".join(
+        f"{axis} {1e3 * value:.2f} ± {1e3 * sigma:.2f}"
+        for axis, value, sigma in zip(("forward", "right", "down"), fitted["value"], fitted["sigma"], strict=True)
+    )
+    assert found.tables["calibration-table"][1] == ["gyro bias", said, "mrad/s"]
+
+
+def test_the_charts_are_drawn_from_the_same_numbers(demo: str) -> None:
+    found = Contents(demo)
+    flight = json.loads(found.scripts["companion"])["flights"][0]
+    figures = found.figures
+    bars = {t["name"]: t for figure in figures for t in figure["data"] if t["type"] == "bar" and t["yaxis"] == "y"}
+    shares = [100 * row["expected"]["shares"]["attitude"]["gyro_bias"] for row in flight["drift"]]
+    assert bars["gyro bias"]["y"] == pytest.approx(shares)
+    assert re.findall(r'id="chart(\d+)"', demo) == [str(i + 1) for i in range(len(figures))]
+
+
+def test_the_lanes_have_a_section_where_there_are_several(tmp_path: Path) -> None:
+    log = recording("dataflash/sitl__copter-imu1-fail.BIN")
+    contents = Contents(report(log, tmp_path / "page.html", "--no-playback"))
+    assert "right (over 99.9 %" in " ".join(contents.sections["lanes"].split())
+    assert [row[0] for row in contents.tables["lanes1"]][1:4] == ["EKF3 core 0", "EKF3 core 1", "DCM"]
+    assert contents.figures
+
+
+def test_a_vehicle_that_only_stands_has_its_checks(tmp_path: Path) -> None:
+    contents = Contents(report(resting(tmp_path / "resting.tlog"), tmp_path / "page.html", "--no-playback"))
+    assert "preflight" in contents.sections
+    assert "lanes" not in contents.sections
+
+
+def test_the_chart_of_a_finding_is_of_that_finding() -> None:
+    """Also of one that accuses nobody for certain."""
+    read = read_recording(DEMO)
+    examined = examine(read.flights[0])
+    begin, assessment = read.flights[0].start, examined.assessment
+    for kind, shows in (("accel_bias", "IMU minus what"), ("samples_irregular", "Time between")):
+        finding = Finding(kind, "data", "warning", begin + 10.0, begin + 40.0, "perhaps", "")
+        accused = replace(assessment, verdict=replace(assessment.verdict, findings=(finding,)))
+        page = report_html(replace(examined, assessment=accused), read.source, with_playback=False)
+        assert shows in Contents(page).sections["findings"]
+
+
+def usual(page: str) -> list[list[str]]:
+    """The rows of the table of the first screen."""
+    (table,) = re.findall(r'<table id="usual".*?</table>', page)
+    return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", table)][1:]
+
+
+def test_a_healthy_flight(demo: str) -> None:
+    assert demo.index("✓ No IMU fault found") < demo.index("chart1") < demo.index("<nav>"), "the track comes first"
+    assert "farthest apart at" in demo
+    assert [row[0] for row in usual(demo)] == ["attitude, °", "velocity, m/s", "position, m"]
+    assert all(float(median) <= float(p95) for _, median, p95, _ in usual(demo))
+    assert "98\N{NO-BREAK SPACE}% of 46 windows" in demo, "said once, of the windows that the verdict judges"
+    assert "best estimate" in demo
+
+
+def test_the_sentence_does_not_contradict_a_suspect(tmp_path: Path) -> None:
+    page = report(recording("sitl/copter-imu1-fail-100hz.tlog"), tmp_path / "report.html", "--no-playback")
+    assert "✗ Accelerometer x wrong, 69-81 s" in page
+    times = re.search(r"([\d.]+) times the [\d.]+ m allowed", page.replace("\N{NO-BREAK SPACE}", " "))
+    assert times
+    assert float(times[1]) > 3
+
+
+def test_the_style_has_the_colours_of_the_palette() -> None:
+    """A style sheet cannot import it: on dark it finds the line of the best estimate by its colour."""
+    style = (Path(html_page.__file__).parent / "page.css").read_text(encoding="utf-8")
+    light = "".join(f"{part:02x}" for part in palette.BEST_LIGHT)
+    assert f'[style*="stroke: rgb{palette.BEST}"] {{ stroke: #{light} !important; }}' in style
+    assert f"--bad: {palette.css(palette.BAD)}; --doubtful: {palette.css(palette.DOUBTFUL)};" in style
+    assert ".finding.error { border-color: var(--bad); }" in style

@@ -1,4 +1,4 @@
-"""A page without a browser: what a server tells it to show, and what it answers."""
+"""A page without a browser: what a server tells it to show, what it answers, and what it would make of markup."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import struct
 import time
 from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
 from typing import Any
 
 import msgspec
@@ -72,3 +73,20 @@ def plain_page(url: str) -> Iterator[PlainPage]:
         page = PlainPage(socket)
         page.send(CAMERA)
         yield page
+
+
+class Tags(HTMLParser):
+    """What a browser would make of a piece of markup: its tags, their attributes, its words."""
+
+    def __init__(self, markup: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags, self.attributes, self.words = set[str](), set[str](), ""
+        self.feed(markup)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_data(self, data: str) -> None:
+        self.words += data

@@ -6,16 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import (
-    Replay,
-    errors,
-    expected_since_anchor,
-    trailing,
-)
+from companion.analysis import Replay
 from companion.app.examination import assess_imu
 from companion.app.settings import Settings
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, chosen_track, display_trajectory
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, analysed, chosen_track, display_trajectory
 
 RATE = 50.0
 DURATION = 60.0
@@ -66,9 +61,7 @@ def examine(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) ->
     """What the analysis says of the made-up readings: nothing good, for the IMU stands still while it circles."""
     seen = flight.with_imu(display.track or flight.imu(choice.imu))
     found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
-    over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
-    expected = expected_since_anchor(found.comparison, found.imu_spec, found.autopilot, display.replay)
-    return AnalysisResult(found, over, choice.horizon_s, expected=expected)
+    return analysed(flight, display, found, choice.horizon_s, None)
 
 
 def dead_reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:

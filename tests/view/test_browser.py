@@ -25,9 +25,8 @@ from companion.view import (
     chosen_track,
     display_trajectory,
     export,
-    replay_page,
 )
-from companion.view.charts.chart_pages import ChartPages
+from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from companion.view.state.moments import moment_of
@@ -208,23 +207,11 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         keep(page, "free-running-follow")
 
 
-def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
-    evil = "<img src=x onerror=\"document.title='owned'\">"
-    first = make_flight()
-    second = replace(make_flight(radius=20.0), vehicle=Vehicle(7, 1, evil, "**bold**<script>"))
-    with Viewer([first, second], recompute, examine, port=next_port(page)) as viewer:
-        visit(page, viewer)
-        choose(page, "Flight", "2: vehicle 7:1, boot 1, 61 s")
-        expect(page.get_by_text("<img src=x onerror=")).to_be_visible()  # as text
-        time.sleep(0.5)
-        assert page.title() != "owned"
-        keep(page, "two-flights")
-
-
-def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
+def test_a_hostile_vehicle_that_is_chosen_is_only_text(page: Page, flight: Flight) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     reported = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
-    speaking = replace(flight, texts=reported, parameters={evil: 1.0})
+    hostile = Vehicle(7, 1, evil, "**bold**<script>")
+    speaking = replace(make_flight(radius=20.0), vehicle=hostile, texts=reported, parameters={evil: 1.0})
 
     def find(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
         result = examine(flight, choice, display)
@@ -232,10 +219,12 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
         verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
         return replace(result, assessment=replace(result.assessment, verdict=verdict))
 
-    with Viewer([speaking], recompute, find, port=next_port(page)) as viewer:
+    with Viewer([flight, speaking], recompute, find, port=next_port(page)) as viewer:
         visit(page, viewer)
+        choose(page, "Flight", "2: vehicle 7:1, boot 1, 61 s")
+        expect(page.get_by_text(re.compile("<img src=x onerror=.*vehicle 7:1"))).to_be_visible()  # as text
         page.get_by_role("tab", name="Findings", exact=True).click()
-        expect(page.get_by_text("seen <img src=x onerror=").first).to_be_visible()  # as text
+        expect(page.get_by_text("seen <img src=x onerror=").first).to_be_visible()
         begin(viewer)
         unfold(page, "Playing")
         page.get_by_role("button", name="Next event").click()
@@ -331,17 +320,6 @@ def test_names_have_no_white_ground_on_a_dark_page(browser: Browser, flight: Fli
         assert near(picture(), (255, 255, 255)) < 300
 
 
-def test_names_have_none_on_a_dark_page_that_was_saved_either(browser: Browser, flight: Flight, tmp_path: Path) -> None:
-    page = replay_page(recompute(flight, ReplayChoice()), flight, dark=True)
-    (tmp_path / "dark.html").write_text(page, encoding="utf-8")
-    with new_page(browser) as saved:
-        saved.goto((tmp_path / "dark.html").as_uri())
-        saved.wait_for_selector("canvas")
-        until(lambda: near(shoot(saved, "dark-replay"), (230, 97, 1)) > 100, "the path in the page")
-        saved.get_by_role("button", name="Close").or_(saved.locator(".mantine-Notification-closeButton")).click()
-        assert near(shoot(saved, "dark-replay"), (255, 255, 255)) < 300
-
-
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
@@ -372,7 +350,8 @@ def test_the_picture_and_the_replay_can_be_taken_along(
     monkeypatch.setattr(export, "RENDER_TIMEOUT_S", LIMIT_S)  # a busy machine without a graphics card draws slowly
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
-        page.get_by_text("Save", exact=True).click()
+        unfold(page, "Picture", "Save")
+        page.get_by_role("checkbox", name="Dark").click()
         with looked_at(page), page.expect_download() as download:
             page.get_by_role("button", name="This picture (PNG)").click()
         download.value.save_as(tmp_path / "picture.png")
@@ -386,6 +365,8 @@ def test_the_picture_and_the_replay_can_be_taken_along(
         saved.goto((tmp_path / "replay.html").as_uri())
         saved.wait_for_selector("canvas")
         until(lambda: near(shoot(saved, "replay-page"), (230, 97, 1)) > 100, "the path in the page")
+        saved.get_by_role("button", name="Close").or_(saved.locator(".mantine-Notification-closeButton")).click()
+        assert near(shoot(saved, "replay-page"), (255, 255, 255)) < 300, "no name has a white ground"
 
 
 def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, flight: Flight) -> None:

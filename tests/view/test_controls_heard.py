@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import io
 import re
-import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +65,7 @@ def live() -> Iterator[list[Message]]:
     """All that the page of a link is told."""
     flight = make_flight()
     seen = Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
-    feed = Script(seen, vehicles=("1:1", "2:1"))
+    feed = Script(seen)
     with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
         page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
         yield page.messages
@@ -119,13 +118,6 @@ def test_every_kind_that_viser_hears_is_known_here() -> None:
     assert known >= KINDS
 
 
-def test_a_picture_is_bounded_by_what_it_says_it_is() -> None:
-    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 3840, 2160)
-    answer = {"type": "GetRenderResponseMessage", "payload": header, "render_uuid": "a"}
-    assert accepted(pack(answer))
-    assert accepted(pack(answer | {"payload": png()}))
-
-
 ODD = [1e9, -1e9, 0, 2.5, True, None, "", "x" * 256, "nan", "nan×", "inf×", "-1×", "9999999: x", [], [1e9] * 16]
 
 
@@ -161,9 +153,7 @@ def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) 
 
 def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str]) -> None:
     flight = make_flight()
-    feed = Script(
-        Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1")
-    )
+    feed = Script(Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None))
     with LiveViewer(feed, window_s=60.0, port=0) as viewer:
         with plain_page(viewer.url) as page:
             page.listen(

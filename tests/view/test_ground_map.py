@@ -18,7 +18,6 @@ from companion.model import Flight, InputError, Origin, SettingsError
 from companion.view.ground_map import MapLayer, cache_folder, check_url, credit, ground_map
 from companion.view.scene.cameras import Framing, frame
 from companion.view.state.places import MapPicture, local_frame
-from tests.view.circles import make_flight
 from tests.waiting import wait_for
 
 ZERO = Origin(np.radians(47.4), np.radians(8.5), 488.0)
@@ -161,18 +160,19 @@ def test_places_and_metres_are_inverse(ground: Ground) -> None:
     np.testing.assert_allclose(local.ned(there[:, 0], there[:, 1], height) - [0, 0, local.zero[2]], flat, atol=1e-6)
 
 
-def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    flight = replace(make_flight(), origin=ZERO)
-    assert flight.position is not None
-    framing = frame(flight.position.position)
-    reported: list[bool] = []
-    laid: list[MapPicture | None] = []
+
+
+@pytest.mark.usefixtures("cached")
+def test_nothing_is_asked_before_somebody_asks(ground: Ground, server: Server) -> None:
+    reported, laid = list[bool](), list[MapPicture | None]()
     layer = MapLayer(server.url, laid.append, reported.append, pytest.fail)
     layer.poll()
     assert not server.requested
-    layer.show(True, flight, framing)
+    layer.show(True, *ground)
 
     def come() -> MapPicture | None:
         layer.poll()
@@ -180,21 +180,17 @@ def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, m
 
     wait_for(come, "the map has come")
     assert reported == [True]
-    layer.show(False, flight, framing)
+    layer.show(False, *ground)
     assert laid[-1] is None
     layer.close()
 
 
-def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    flight = replace(make_flight(), origin=ZERO)
-    assert flight.position is not None
+@pytest.mark.usefixtures("cached")
+def test_a_refusal_is_said_and_the_map_is_off(ground: Ground, server: Server) -> None:
     server.answer = 404
-    reported: list[bool] = []
-    why: list[str] = []
+    reported, why = list[bool](), list[str]()
     layer = MapLayer(server.url, lambda _: None, reported.append, why.append)
-    layer.show(True, flight, frame(flight.position.position))
+    layer.show(True, *ground)
 
     def heard() -> list[str]:
         layer.poll()

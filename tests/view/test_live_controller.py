@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 import viser
 
-from companion.analysis import DriftRow, LiveVerdict, Preflight
+from companion.analysis import LiveVerdict
 from companion.analysis.replay import FreeState
 from companion.model import Flight
 from companion.model.tracks import NavState
-from companion.view import LinkState, LiveViewer, ReplayChoice, Seen
+from companion.view import LinkState, LiveStatus, LiveViewer, ReplayChoice, Seen, live_controller
 from companion.view.live_controller import LiveController
-from companion.view.panels import live_text
 from tests.simulated import free_port
 from tests.view.browsing import until
 from tests.view.circles import dead_reckon
@@ -28,14 +27,9 @@ class Script:
     now: Seen | None = None
     reanchor_s: float = 10.0
     choice: ReplayChoice = field(default_factory=ReplayChoice)
-    why_not: str = ""
-    vehicles: tuple[str, ...] = ()
-    messages: tuple[str, ...] = ()
-    link: LinkState = field(default_factory=lambda: LinkState("a link"))
-    drift: tuple[DriftRow, ...] = ()
-    verdict: LiveVerdict = field(default_factory=lambda: LiveVerdict("", ""))
-    other_verdicts: tuple[LiveVerdict, ...] = ()
-    preflight: Preflight | None = None
+    status: LiveStatus = field(
+        default_factory=lambda: LiveStatus(LinkState("a link"), LiveVerdict("", ""), vehicles=("1:1", "2:1"))
+    )
 
     def wait(self, timeout_s: float) -> None:
         """It is all there."""
@@ -82,7 +76,7 @@ def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: p
         return FreeState(now - for_s, last, np.zeros(3), np.zeros(3), np.zeros(3))
 
     ages: list[float] = []
-    monkeypatch.setattr(live_text, "numbers", lambda _sample, free, **_: ages.append(free.age_s))
+    monkeypatch.setattr(live_controller, "numbers", lambda _sample, free, **_: ages.append(free.age_s))
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))

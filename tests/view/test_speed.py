@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from companion.analysis import replay
-from companion.model import Flight
-from companion.view import DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory
-from tests.view.circles import RATE, examine, make_flight
+from companion.model import DataError, Flight
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory
+from tests.view.circles import RATE, make_flight
 from tests.waiting import wait_for
 
 SECONDS, HZ = 600.0, 100.0
@@ -29,7 +29,10 @@ def test_a_new_bias_is_on_the_screen() -> None:
         track = chosen_track(flight, choice)
         return display_trajectory(replay(flight.with_imu(track), imu=choice.imu), track)
 
-    with Viewer([flight], dead_reckon, examine, port=0) as viewer:
+    def unknown(*_: object) -> AnalysisResult:
+        raise DataError("not analysed here")
+
+    with Viewer([flight], dead_reckon, unknown, port=0) as viewer:
         viewer.post(partial(viewer.player.seek, viewer.player.first + 9.9))
         for i in range(1, 4):
             before = viewer.controller.scene.imu.position

@@ -1,1 +1,1 @@
-"""What is read and chosen beside the picture, and the timeline under it."""
+"""What is read and chosen beside the picture: panels, charts, and the timeline under it."""

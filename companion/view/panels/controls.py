@@ -53,7 +53,10 @@ _STYLE = style(
 Call = Callable[[], object]
 Post = Callable[[Call], None]
 """Queues a call for the view thread, which makes one after the other before it draws. Does not block."""
-Row = Mapping[str, Call]
+InBrowser = Callable[[int], object]
+"""A call that needs to know the number of the browser in which something was pressed."""
+ChooseCamera = Callable[[CameraMode, int], object]
+"""Moves the camera of one browser otherwise."""
 
 
 @dataclass(slots=True)
@@ -93,53 +96,40 @@ class Controls:
 
     def on_click(self, button: Any, do: Call) -> None:
         """Call `do` when a button is pressed."""
+        self.on_click_in(button, lambda _: do())
 
-        async def pressed(_: object) -> None:
-            self._post(do)
+    def on_click_in(self, button: Any, do: InBrowser) -> None:
+        """The same, with the number of the browser in which it is pressed."""
+        self._listen(button.on_click, lambda: do)
 
-        button.on_click(pressed)
-
-    def on_click_in(self, button: Any, do: Callable[[int], object]) -> None:
-        """Call `do` with the number of the browser in which a button is pressed."""
-
-        async def pressed(click: viser.GuiEvent[Any]) -> None:
-            if click.client_id is not None:
-                self._post(partial(do, click.client_id))
-
-        button.on_click(pressed)
-
-    def row(self, label: str, buttons: Row, hint: str) -> None:
+    def row(self, label: str, buttons: Mapping[str, InBrowser], hint: str) -> None:
         """A row of buttons."""
         row = self.gui.add_button_group(label, tuple(buttons), hint=hint)
+        self._listen(row.on_click, lambda: buttons.get(row.value))
 
-        @row.on_click
-        async def _(_: object) -> None:
-            if row.value in buttons:
-                self._post(buttons[row.value])
-
-    def cameras(self, choose: Callable[[int, CameraMode], object]) -> None:
+    def cameras(self, choose: ChooseCamera) -> None:
         """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
-        row = self.gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
-
-        @row.on_click
-        async def _(click: viser.GuiEvent[Any]) -> None:
-            if click.client_id is not None and row.value in CAMERAS:
-                self._post(partial(choose, click.client_id, CAMERAS[row.value][1]))
+        buttons = {name: partial(choose, mode) for name, (_, mode) in CAMERAS.items()}
+        self.row("View", buttons, "In this browser alone. More cameras: Picture")
 
     def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
         """Keys go through the command palette, which lists them under Ctrl-K."""
+        self.command_in(name, key, lambda _: do(), shift=shift)
 
-        @self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
-        async def _(_: object) -> None:
-            self._post(do)
-
-    def command_in(self, name: str, key: Key, do: Callable[[int], object]) -> None:
+    def command_in(self, name: str, key: Key, do: InBrowser, *, shift: bool = False) -> None:
         """The same, with the number of the browser."""
+        command = self.gui.add_command(name, hotkey=key, modifier="shift" if shift else None)
+        self._listen(command.on_trigger, lambda: do)
 
-        @self.gui.add_command(name, hotkey=key).on_trigger
-        async def _(event: viser.CommandEvent) -> None:
-            if event.client_id is not None:
+    def _listen(self, register: Callable[[Any], object], called: Callable[[], InBrowser | None]) -> None:
+        """called: looks up what to call, as soon as something is pressed; None: nothing."""
+
+        async def pressed(event: Any) -> None:
+            do = called()
+            if do is not None and event.client_id is not None:
                 self._post(partial(do, event.client_id))
+
+        register(pressed)
 
 
 def write(handle: Any, value: object) -> None:

@@ -1,20 +1,37 @@
-"""What can be chosen and read beside the live picture. Nothing in here reaches the vehicle: anybody may press it."""
+"""What can be chosen and read beside the live picture. Nothing in here reaches the vehicle: anybody may press it.
+
+Text of a vehicle, a link or a file name is escaped here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
+from html import escape
 
 import viser
 
-from companion.view.panels import live_text
-from companion.view.panels.controls import Controls, bounded, write
+from companion.analysis import DriftRow, LiveVerdict, Statistic
+from companion.present import capitalised, clause, lasting, palette, words, wrong
+from companion.view.panels.controls import ChooseCamera, Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
+from companion.view.panels.markup import (
+    PALE,
+    badge,
+    banner,
+    block,
+    colour_of,
+    lines,
+    row,
+    swatch,
+    table,
+    trouble,
+    wrapped,
+)
 from companion.view.panels.verdict import ChecksFolders
-from companion.view.state.choice import CameraMode
-from companion.view.state.feed import Feed
+from companion.view.state.live import Feed, FreeRun, LinkState, LiveStatus
 from companion.view.state.sending import update
-from companion.view.state.trajectory import FlightChecks
+from companion.view.state.trajectory import FlightChecks, Sample
 
 BEST = "Automatic"
 LONGEST_REANCHOR_S = 20.0
@@ -30,7 +47,7 @@ class LivePanel:
         feed: Feed,
         window_s: float,
         change: Change,
-        choose_camera: Callable[[int, CameraMode], object],
+        choose_camera: ChooseCamera,
     ) -> None:
         """What `pause`, `back` and `vehicle` do is up to whoever builds it."""
         gui = controls.gui
@@ -78,18 +95,18 @@ class LivePanel:
             self._imus = (BEST, *imus)
             self._imu.options = self._imus
             write(self._imu, chosen if chosen in imus else BEST)
-        self._legend.content = live_text.legend(vehicle, has_position=has_position)
+        self._legend.content = legend(vehicle, has_position=has_position)
 
-    def report(self, feed: Feed, held_s: float | None) -> None:
+    def report(self, status: LiveStatus, held_s: float | None) -> None:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""
-        state = feed.link
-        update(self._verdict, content=live_text.verdict(feed.verdict, state, feed.why_not))
-        update(self._link, content=live_text.link(state, feed.why_not, held_s))
-        update(self._health, content=live_text.health(state))
-        update(self._drift, content=live_text.drift(feed.drift, feed.verdict, feed.other_verdicts))
-        self._checks.load(FlightChecks(preflight=feed.preflight))
-        update(self._messages, content=live_text.messages(feed.messages))
-        vehicles = tuple(feed.vehicles)
+        state = status.link
+        update(self._verdict, content=verdict(status.verdict, state, status.why_not))
+        update(self._link, content=link(state, status.why_not, held_s))
+        update(self._health, content=health(state))
+        update(self._drift, content=drift(status.drift, status.verdict, status.other_verdicts))
+        self._checks.load(FlightChecks(preflight=status.preflight))
+        update(self._messages, content=messages(status.messages))
+        vehicles = tuple(status.vehicles)
         if vehicles and vehicles != self._vehicles:
             self._vehicles = self.vehicle.options = vehicles
             self.vehicle.visible = len(vehicles) > 1
@@ -103,3 +120,145 @@ class LivePanel:
         if paused and self.back.min != low:
             self.back.min = low
         write(self.back, max(at_s or 0.0, low))
+
+
+_ALARMS = ("imu_suspect", "autopilot_suspect")
+
+
+def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
+    """The verdict now as the banner over the picture; why there is none while there is none."""
+    if now.status and (now.is_stale or not state.problem):
+        old = f"link {state.problem}" if state.problem else f"as of {now.age_s:.0f} s ago" if now.is_stale else ""
+        return banner(now.status, _headline(now), capitalised(clause(now.text)), old, stale=_is_dimmed(now))
+    if state.problem:
+        return banner("", f"No verdict: {state.problem}")
+    return banner("", why_not or "No verdict yet: the first needs some seconds of data.")
+
+
+def _headline(now: LiveVerdict) -> str:
+    """What a pilot has to know first."""
+    if (cause := now.cause) is not None:
+        return f"{wrong(cause)}, {f'since {cause.onset_s:.0f} s' if cause.end_s is None else lasting(cause)}"
+    return "No IMU fault found" if now.status == "consistent" else capitalised(words(now.status))
+
+
+def link(state: LinkState, why_not: str, held_s: float | None) -> str:
+    """Live, held or and whether it is recorded. held_s: how long ago the held picture was; None: live."""
+    if held_s is not None:
+        head = badge(f"PAUSED, {held_s:.1f} s ago", palette.CONTROLS)
+    elif state.problem:
+        head = badge("RECONNECTING" if state.frames else "WAITING", palette.BAD)
+    elif why_not:
+        head = badge("WAITING", palette.CONTROLS)
+    else:
+        head = badge("LIVE", palette.GOOD)
+    rows = [head]
+    if state.problem or why_not:
+        rows.append(trouble(state.problem or why_not))
+    if state.recording_problem:
+        rows.append(trouble(state.recording_problem))
+    elif state.recording:
+        rows.append(
+            '<div style="overflow-wrap:anywhere"><span style="color:var(--companion-trouble)">●</span> Recording '
+            f"{escape(state.recording)}, {size(state.recorded_bytes)}</div>"
+        )
+    else:
+        rows.append("Not recorded")
+    return block(lines(rows))
+
+
+def legend(vehicle: str, *, has_position: bool) -> str:
+    """Who is who."""
+    rows = [
+        f"{swatch(palette.IMU)}<b>Solid: the IMU alone</b>, since the last anchor",
+        f"{swatch(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
+    ]
+    if has_position:
+        rows.append(f"{swatch(palette.FREE)}Ball: the IMU alone since the free run began")
+        rows.append(f"{swatch(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
+    else:
+        rows.append("No position is sent: only the attitudes are compared.")
+    return block(lines([escape(vehicle), *rows]))
+
+
+_STALE = f"<style>.uplot,canvas[data-engine]{{opacity:{palette.QUIET};filter:grayscale(0.8)}}</style>"
+
+
+def numbers(sample: Sample, free: FreeRun | None, *, has_position: bool, silent: bool = False) -> str:
+    """The errors now: since the last anchor, and of the free run.
+
+    silent: nothing is received, so that they are those of the last sample, and are dimmed with picture and charts.
+    """
+    rows = [
+        ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free.age_s:.0f} s" if free else ""),
+        ("tilt", f"{sample.tilt_deg:.2f}°", "{0:.2f}°"),
+        ("heading", f"{sample.heading_deg:+z.2f}°", "{1:+z.2f}°"),
+    ]
+    if has_position:
+        rows += [
+            ("velocity", f"{sample.velocity_mps:.2f} m/s", "{2:.2f} m/s"),
+            ("position", f"{sample.position_m:.2f} m", "{3:.1f} m"),
+        ]
+    quiet, errors = PALE if silent else "", free.errors if free else ()
+    cells = (row((name, first, second.format(*errors) if errors else ""), quiet) for name, first, second in rows)
+    if silent:
+        return _STALE + table(("Error when last received", "IMU", "free run"), cells)
+    return table(("Error", "IMU", "free run"), cells)
+
+
+def health(state: LinkState) -> str:
+    """Rates, losses, the clocks."""
+    rows = (
+        row((escape(s.name), f"{s.received_hz:.0f} / {s.requested_hz:.0f} Hz", wrapped(escape(s.note))))
+        for s in state.streams
+    )
+    lost = "".join(f", {share:.2%} of {escape(who)} lost" for who, share in state.lost.items())
+    rest = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
+    if state.latency_ms is not None:
+        rest.append(f"Latency {state.latency_ms:.1f} ms")
+    if state.clock:
+        rest.append(escape(state.clock))
+    if state.rejected:
+        rest.append(f"{state.rejected:,} frames dropped: not signed, or not with our key")
+    return table(("Message", wrapped("received / requested"), ""), rows) + block(lines(rest))
+
+
+def drift(rows: Sequence[DriftRow], now: LiveVerdict, others: Sequence[LiveVerdict] = ()) -> str:
+    """The verdict so far, those on the other vehicles now, and the drift table: medians."""
+    head = _verdict("So far", *now.so_far)
+    head += "".join(_verdict(f"Vehicle {o.vehicle}", o.status, _with_age(o), stale=_is_dimmed(o)) for o in others)
+    measured = (
+        row((f"{r.horizon_s:g} s", r.windows, _median(r.attitude_deg, "°"), _median(r.position_m, " m")))
+        for r in rows
+        if r.windows or r.excluded
+    )
+    return block(head) + table(("after", "windows", "attitude", "position"), measured)
+
+
+def _verdict(when: str, status: str, text: str, *, stale: bool = False) -> str:
+    head = badge(f"{when}: {words(status)}", colour_of(status, stale=stale)) if status else ""
+    return lines([head, escape(text)]) if text else ""
+
+
+def _with_age(now: LiveVerdict) -> str:
+    """A verdict, and how old it is where that matters."""
+    return f"{now.text} (as of {now.age_s:.0f} s ago)" if now.is_stale else now.text
+
+
+def _is_dimmed(now: LiveVerdict) -> bool:
+    """Whether it stands in grey: of old data, but for an alarm, which nothing has taken back."""
+    return now.is_stale and now.status not in _ALARMS
+
+
+def messages(sentences: Sequence[str]) -> str:
+    """The messages of the session, the newest first."""
+    return block(lines(map(escape, reversed(sentences))) or "Nothing so far.")
+
+
+def size(count: int) -> str:
+    """Bytes as a person says them."""
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
+
+
+def _median(statistic: Statistic | None, unit: str) -> str:
+    return "" if statistic is None else f"{statistic.median:.2f}{unit}"

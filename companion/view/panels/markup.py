@@ -26,28 +26,21 @@ _STYLE = style("banner.css", side=SIDE + 16, narrow=NARROW + 16)
 def banner(status: str, head: str, detail: str = "", beside: str = "", *, stale: bool = False) -> str:
     """The verdict as HTML: a sentence, beside it how sure it is, below it what it rests on. All untrusted text.
 
-    status: of `Verdict`, or a live one; stale: it is of old data, and is dimmed.
+    status: of `Verdict`, or a live one; "" while there is none, and the sentence says why not. stale: it is of old
+    data, and is dimmed.
     """
-    return _banner(f"{palette.SIGNS.get(status, '')} {head}", colour_of(status, stale=stale), detail, beside)
+    sign = palette.SIGNS.get(status)
+    sure = f" <em>{unbroken(beside)}</em>" if beside else ""
+    more = f"<small>{unbroken(detail)}</small>" if detail else ""
+    return (
+        f'{_STYLE}<div class="companion-banner" style="background:{palette.css(colour_of(status, stale=stale))}">'
+        f"<span>{unbroken(f'{sign} {head}' if sign else head)}{sure}</span>{more}</div>"
+    )
 
 
 def colour_of(status: str, *, stale: bool = False) -> Rgb:
     """In which a verdict stands: grey where it is none any more, or not yet."""
     return palette.CONTROLS if stale else COLOURS.get(status, palette.CONTROLS)
-
-
-def waiting(sentence: str) -> str:
-    """The same while there is no verdict: why not, in words. Untrusted text."""
-    return _banner(sentence, palette.CONTROLS)
-
-
-def _banner(head: str, colour: Rgb, detail: str = "", beside: str = "") -> str:
-    sure = f" <em>{unbroken(beside)}</em>" if beside else ""
-    more = f"<small>{unbroken(detail)}</small>" if detail else ""
-    return (
-        f'{_STYLE}<div class="companion-banner" style="background:{palette.css(colour)}">'
-        f"<span>{unbroken(head)}{sure}</span>{more}</div>"
-    )
 
 
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(%|s|m|Hz|ms|m/s²?|mrad/s|µT)\b|%)")
@@ -103,8 +96,6 @@ def table(head: Sequence[str], rows: Iterable[str]) -> str:
     """The first column to the left, the others to the right, below a paler head."""
     top = row(head, PALE) if head else ""
     return (
-        "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
-        ".companion-table td:first-child{text-align:left;padding:0}</style>"
         '<div style="padding:0.2em 1em;overflow-x:auto"><table class="companion-table" style="width:100%;'
         'font-size:0.76em;line-height:1.6;font-variant-numeric:tabular-nums;border-spacing:0">'
         f"{top}{''.join(rows)}</table></div>"

@@ -11,10 +11,10 @@ import numpy as np
 
 from companion.analysis import Verdict
 from companion.model import Flight, of_kind
-from companion.present import Rgb, headline, palette, vehicle_words
+from companion.present import QUANTITIES, Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
-from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, waiting, wrapped
+from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, wrapped
 from companion.view.panels.strip import Bands
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.sending import update
@@ -56,7 +56,7 @@ class Panel:
 
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
-        self._banner.content = waiting(text)
+        self._banner.content = banner("", text)
 
     def choose_flight(self, flight: Flight) -> None:
         """Show which flight it is: another may have been requested in vain."""
@@ -132,23 +132,16 @@ _EXTRA_PATHS: dict[ExtraPath, str] = {
 
 def errors_table(sample: Sample, display: DisplayTrajectory) -> str:
     """Each error since the anchor, what is allowed of it, and how many σ that is."""
-    allowed: tuple[float, ...] = (0.0, 0.0, 0.0)
-    if display.expected is not None:
-        allowed = display.expected.at(sample.t)
-    height = float(np.sqrt(max(sample.covariance[2, 2], 0.0)))
-    attitude = float(np.hypot(sample.tilt_deg, sample.heading_deg))
-    rows = [
-        _error("attitude", attitude, allowed[0], "°"),
-        row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), PALE),
-        row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), PALE),
-    ]
+    sizes = []
+    for quantity in QUANTITIES:
+        allowed = 0.0 if display.expected is None else display.expected.at(sample.t, quantity.attribute)
+        sizes.append(_error(quantity.name, getattr(sample, quantity.attribute), allowed, quantity.after))
+    tilt = row(("· tilt", f"{sample.tilt_deg:.2f}°", "", ""), PALE)
+    rows = [sizes[0], tilt, row(("· heading", f"{sample.heading_deg:+z.2f}°", "", ""), PALE)]
     if display.replay.has_position:
         down = abs(float(sample.position_imu[2] - sample.position_ref[2]))
-        rows += [
-            _error("velocity", sample.velocity_mps, allowed[1], " m/s"),
-            _error("position", sample.position_m, allowed[2], " m"),
-            _error("· height", down, height, " m", PALE),
-        ]
+        height = float(np.sqrt(max(sample.covariance[2, 2], 0.0)))
+        rows += [*sizes[1:], _error("· height", down, height, " m", PALE)]
     since = f"{sample.since_anchor_s:.1f} s since the anchor" if sample.known else "autopilot silent here"
     return table((since, "error", "allowed 1σ", "σ"), rows)
 
@@ -168,13 +161,10 @@ def horizon_table(sample: Sample, display: DisplayTrajectory) -> str:
     if after is None or result is None:
         return ""
     rows = []
-    for name, value, attribute, unit in (
-        ("attitude", after[0], "attitude_deg", "°"),
-        ("position", after[1], "position_m", " m"),
-    )[: 2 if display.replay.has_position else 1]:
-        prior, own = (getattr(one, attribute, None) for one in (result.allowed, result.calibrated))
-        of = (f"{one:.2f}{unit}" if one else "–" for one in (prior, own))
-        rows.append(row((name, f"<b>{value:.2f}{unit}</b>", *of)))
+    for value, quantity in zip(after, QUANTITIES[:: 2 if display.replay.has_position else 3], strict=False):
+        allowed = (getattr(one, quantity.attribute, None) for one in (result.allowed, result.calibrated))
+        of = (f"{one:.2f}{quantity.after}" if one else "–" for one in allowed)
+        rows.append(row((quantity.name, f"<b>{value:.2f}{quantity.after}</b>", *of)))
     head = (f"after {result.horizon_s:g} s", "error", "allowed 1σ", "calibrated 1σ")
     return table(head, rows)
 

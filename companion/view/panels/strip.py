@@ -9,11 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.model import Array, Flight, words
-from companion.present import Rgb, palette, severity_of, significant
-from companion.view.state.decimation import extremes
-from companion.view.state.marks import Mark, MarkKind, short
-from companion.view.state.moments import ERRORS, ErrorCurve, Moment
+from companion.model import Array, Flight
+from companion.present import Rgb, capitalised, palette, severity_of, significant
+from companion.view.state.moments import ERRORS, ErrorCurve, Mark, MarkKind, Moment, finding_label, short
+from companion.view.state.sending import evenly, extremes
 from companion.view.state.trajectory import DisplayTrajectory
 
 HEIGHT = 116  # pixels
@@ -64,10 +63,10 @@ def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
         armed.insert(0, Span(display.start, switched[0][0], "armed"))
     findings = display.result.assessment.verdict.findings if display.result else ()
-    spans = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
+    spans = tuple(Span(f.start_s, f.end_s, finding_label(f), f.severity) for f in findings)
     altitude = None
     if display.replay.has_position:
-        some = np.unique(np.linspace(0, len(display.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
+        some = evenly(len(display.replay.t), PROFILE_POINTS)
         altitude = (display.replay.t[some], -display.replay.position_ref[some, 2])
     return Bands(tuple(modes), tuple(armed), spans, altitude)
 
@@ -145,7 +144,7 @@ def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, mo
         rest.append(spot(palette.DIFFERENCE, name, "width:9px;height:9px;opacity:.4"))
     if curve is None:
         return f"<div>{''.join(rest)}</div>"
-    name, unit = ERRORS[curve.error]
+    name, unit = f"{capitalised(ERRORS[curve.error].name)} error", ERRORS[curve.error].unit
     when = "since the anchor" if curve.horizon_s is None else f"after {curve.horizon_s:g} s"
     allowed = spot(palette.CURSOR, "allowed: 1σ, 3σ") if np.isfinite(curve.allowed).any() else ""
     return f"<div><b>{spot(colour, f'{name} {when}, {unit}', line)}</b>{allowed}{''.join(rest)}</div>"

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import viser
 
 from companion.present import Rgb, palette
-from companion.view.panels.controls import CAMERAS, Call, Controls, Key, style, write
+from companion.view.panels.controls import CAMERAS, Call, ChooseCamera, Controls, Key, style, write
 from companion.view.panels.strip import GUTTER, HEIGHT, Bands, legend, markup, strip
-from companion.view.state.choice import CameraMode
-from companion.view.state.marks import Mark, short
-from companion.view.state.moments import PLAYED_S, ErrorCurve, Moment
+from companion.view.state.moments import PLAYED_S, ErrorCurve, Mark, Moment, short
 from companion.view.state.player import Player
 from companion.view.state.sending import update
 
@@ -39,7 +37,7 @@ class Timeline:
         panel: viser.PanelHandle,
         folder: viser.GuiFolderHandle,
         player: Player,
-        choose_camera: Callable[[int, CameraMode], object],
+        choose_camera: ChooseCamera,
     ) -> None:
         """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
         gui, on = controls.gui, controls.on_change
@@ -64,10 +62,13 @@ class Timeline:
             loop = gui.add_checkbox("Repeat", False, hint="Start again where the part ends")
             controls.row(
                 "Part",
-                {"from here": partial(player.cut, "from"), "to here": partial(player.cut, "to"),
-                 "whole": partial(player.cut, "whole")},
+                {
+                    "from here": lambda _: player.cut("from"),
+                    "to here": lambda _: player.cut("to"),
+                    "whole": lambda _: player.cut("whole"),
+                },
                 "Play and plot only a part of the flight. Keys: I, O, B",
-            )  # fmt: skip
+            )
             self._event = gui.add_dropdown("Go to", (NO_MARK,))
         self._marks: list[Mark] = []
         self._anchors: Sequence[float] = ()
@@ -80,7 +81,7 @@ class Timeline:
         for one in actions:
             controls.command(one.name, one.key, one.do, shift=one.shift)
         for name, (key, mode) in CAMERAS.items():
-            controls.command_in(name, key, partial(_chosen, choose_camera, mode))
+            controls.command_in(name, key, partial(choose_camera, mode))
         for i, key in enumerate(TENTHS, start=1):
             controls.command(f"To {i} tenths", key, partial(player.seek_share, i / 10))
 
@@ -179,10 +180,6 @@ class Timeline:
         number = name.partition(":")[0]
         if number.isdecimal() and 0 < int(number) <= len(self._marks):
             self._player.go(self._marks[int(number) - 1].t)
-
-
-def _chosen(choose: Callable[[int, CameraMode], object], mode: CameraMode, browser: int) -> None:
-    choose(browser, mode)
 
 
 def _icon(path: str) -> str:

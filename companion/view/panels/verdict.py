@@ -32,7 +32,7 @@ from companion.present import (
 )  # fmt: skip
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, unbroken, wrapped
-from companion.view.state.marks import short
+from companion.view.state.moments import short
 from companion.view.state.sending import update
 from companion.view.state.trajectory import AnalysisResult, FlightChecks
 

@@ -184,7 +184,7 @@ def world(mode: CameraMode, sample: Sample) -> Pose:
         return UNMOVED
     turn = UNMOVED.wxyz
     if mode == "Chase":
-        half = -heading(sample.q_ref) / 2
+        half = -float(quaternion.to_euler(sample.q_ref)[2]) / 2
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
     held = (sample.position_ref + sample.position_imu) / 2 if mode == "Follow" else sample.position_ref
     return Pose(turn, -Pose(turn, np.zeros(3)).apply(held))
@@ -200,12 +200,6 @@ def step_back(mode: CameraMode, eye: Array, sample: Sample) -> Array | None:
     distance = float(np.linalg.norm(eye))
     least = ROOM * sample.position_m / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * min(ASPECT, 1.0))
     return None if distance >= least or distance == 0 else np.asarray(eye * (1.25 * least / distance))
-
-
-def heading(q: Array) -> float:
-    """Yaw of `q` (4,) wxyz NED/FRD, rad."""
-    w, x, y, z = (float(c) for c in q)
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def readable_span(distance: float, true_span: float, size: float) -> float:

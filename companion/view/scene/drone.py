@@ -1,4 +1,4 @@
-"""One drone on screen: a place, an attitude, a size and a name; and what changes from instant to instant."""
+"""What stands in the world at an instant: drones with names, velocities and gravity as arrows, an ellipsoid of 3σ."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.model import Array
+from companion.model import STANDARD_GRAVITY, Array
 from companion.present import Rgb, palette
+from companion.strapdown import quaternion
 from companion.view.scene.vehicle_shapes import Drone
+from companion.view.state.sending import update
+from companion.view.state.trajectory import Sample
 
 WORLD = "/world"
 """Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
@@ -99,3 +102,119 @@ class Body:
             self._label_below = below
             self.label.anchor = "bottom-center" if below < 0 else "top-center"
             self.label.position = (0.0, 0.0, below)
+
+
+LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
+SHORTEST = 0.7  # spans: shorter ones would be hidden in the drone
+STILL = 0.05  # m/s: what the autopilot's estimate wanders at rest
+GREY = (110, 110, 110)
+
+
+def arrow_length(speed: float, fastest: float) -> float:
+    """Spans of a drone that an arrow for `speed` m/s is long, where `fastest` m/s is the longest; 0 at rest."""
+    if speed < STILL:
+        return 0.0
+    return SHORTEST + (LONGEST - SHORTEST) * min(speed / max(fastest, STILL), 1.0)
+
+
+class Arrows:
+    """The velocity of both in their own colours, and gravity at the IMU's. Hidden until chosen."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        nothing = np.zeros((1, 2, 3))
+        self._handles = [
+            scene.add_arrows(f"{root}/{name}", nothing, _linear(colour), visible=False)
+            for name, colour in (("ref", palette.AUTOPILOT), ("imu", palette.IMU), ("gravity", GREY))
+        ]
+        self._fastest, self._span = STILL, 0.0
+        self.shown = False
+
+    def load(self, fastest: float, colour: Rgb) -> None:
+        """`fastest`: m/s, of the autopilot in this flight; `colour`: of the IMU."""
+        self._fastest = fastest
+        self._handles[1].colors = np.array(_linear(colour), dtype=np.uint8)
+
+    def resize(self, span: float) -> None:
+        """Match drones `span` m wide."""
+        if abs(span - self._span) > 0.04 * self._span:
+            self._span = span
+            for handle in self._handles:
+                handle.shaft_radius, handle.head_radius, handle.head_length = 0.03 * span, 0.09 * span, 0.22 * span
+
+    def show(self, sample: Sample, has_position: bool) -> None:
+        """Draw what holds at `sample`. Without a position there is no velocity, and only gravity is drawn."""
+        down = np.array([0.0, 0.0, STANDARD_GRAVITY])
+        vectors: list[tuple[Array, Array, float]] = [
+            (sample.position_ref, sample.velocity_ref, arrow_length(_norm(sample.velocity_ref), self._fastest)),
+            (sample.position_imu, sample.velocity_imu, arrow_length(_norm(sample.velocity_imu), self._fastest)),
+            (sample.position_imu, down, 1.3),
+        ]
+        for i, (handle, (origin, vector, length)) in enumerate(zip(self._handles, vectors, strict=True)):
+            visible = self.shown and length > 0 and (has_position or i == len(vectors) - 1)
+            if visible:
+                tip = origin + vector / _norm(vector) * length * self._span
+                handle.points = np.stack([origin, tip])[None].astype(np.float32)
+            update(handle, visible=visible)
+
+
+def _linear(colour: Rgb) -> Rgb:
+    """`colour` as viser 1.1 wants it for arrows: it takes their colours for linear light, and orange turns yellow."""
+    r, g, b = (round(255 * (c / 255) ** 2.2) for c in colour)
+    return r, g, b
+
+
+def _norm(v: Array) -> float:
+    return float(np.linalg.norm(v))
+
+
+SIGMAS = 3.0
+MOST_M = 1e5
+_CHANGE = 0.02  # part of a semi-axis (rad for the turn) that is too small to see
+
+
+def semi_axes(covariance: Array) -> tuple[Array, Array]:
+    """(3,) lengths of the semi-axes of one standard deviation, m, and (4,) wxyz that turns x, y, z into them, NED."""
+    values, vectors = np.linalg.eigh(covariance)
+    if np.linalg.det(vectors) < 0:
+        vectors[:, 2] = -vectors[:, 2]
+    return np.sqrt(np.maximum(values, 0.0)), quaternion.from_matrix(vectors)
+
+
+class Ellipsoid:
+    """A pale body around the IMU, on demand. Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb) -> None:
+        self.shown = False
+        self._scale, self._turn = np.zeros(3), np.zeros(4)
+        self._handle = scene.add_icosphere(
+            name, 1.0, colour, opacity=0.14, visible=False, cast_shadow=False, receive_shadow=False
+        )
+
+    @property
+    def axes(self) -> Array:
+        """(3,) semi-axes that are drawn, m; zero while it is hidden."""
+        return self._scale if self._handle.visible else np.zeros(3)
+
+    def load(self, colour: Rgb) -> None:
+        """Take the colour of another IMU."""
+        self._handle.color = colour
+
+    def put(self, position: Array) -> None:
+        """Move it, NED m."""
+        if self._handle.visible:
+            self._handle.position = position
+
+    def shape(self, covariance: Array, position: Array) -> None:
+        """Take the form of `covariance` (3, 3), m²: zero hides it."""
+        axes, turn = semi_axes(covariance)
+        axes = np.clip(SIGMAS * axes, 0.0, MOST_M)
+        visible = self.shown and bool(axes.max() > 0)
+        near = np.abs(axes - self._scale) <= _CHANGE * self._scale
+        if visible and (not near.all() or abs(float(turn @ self._turn)) < 1 - _CHANGE**2):
+            self._scale, self._turn = axes, turn
+            x, y, z = (max(float(a), 1e-6) for a in axes)
+            self._handle.scale = (x, y, z)
+            self._handle.wxyz = turn
+        if self._handle.visible != visible:
+            self._handle.visible = visible
+            self._handle.position = position

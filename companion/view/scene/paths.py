@@ -15,10 +15,9 @@ from companion.view.scene.cameras import between
 from companion.view.scene.names import Placed
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
-from companion.view.state.decimation import Indices, by_shape, evenly
 from companion.view.state.moments import sigmas_along
 from companion.view.state.places import Path
-from companion.view.state.sending import update
+from companion.view.state.sending import Indices, by_shape, evenly, update
 from companion.view.state.trajectory import DisplayTrajectory, Worst, worst_stretch
 
 MOST_POINTS = OUTLINE

@@ -10,15 +10,13 @@ import viser
 from companion.model import Array
 from companion.present import Rgb, length, palette
 from companion.view.scene.cameras import Framing
-from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Body, Move
+from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Arrows, Body, Ellipsoid, Move
 from companion.view.scene.ground import Ground
 from companion.view.scene.names import Picture, give_way
-from companion.view.scene.overlays import Arrows, Ellipsoid
 from companion.view.scene.paths import ExtraPaths, Overview
 from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.decimation import by_shape
-from companion.view.state.sending import update
+from companion.view.state.sending import by_shape, update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name

@@ -14,9 +14,8 @@ from companion.analysis import FreeState
 from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Move
-from companion.view.state.decimation import Indices, by_shape, evenly, windows
-from companion.view.state.history import FreeRun
-from companion.view.state.sending import update
+from companion.view.state.live import FreeRun
+from companion.view.state.sending import Indices, by_shape, evenly, update, windows
 from companion.view.state.trajectory import DisplayTrajectory
 
 CHUNK = 60

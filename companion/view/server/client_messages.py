@@ -7,10 +7,10 @@ NaN ends up in every picture, a request to share publishes the page on the inter
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
 
 MOST_BYTES = 1 << 16
 MOST_PICTURE_BYTES = 1 << 25
@@ -19,120 +19,90 @@ _MOST = 1e9  # m, pixels, s: nothing in a picture is larger
 _LONGEST = 256  # characters of a name or a choice
 _SEVERAL = 16  # numbers in one control
 _LEAST = 1e-9  # of what is positive, and of the length of a direction: nothing is divided by less
+_PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+
+Number = Annotated[float, Meta(ge=-_MOST, le=_MOST)]  # which NaN is not
+Positive = Annotated[float, Meta(gt=_LEAST, le=_MOST)]
+Pixels = Annotated[int, Meta(gt=0, le=int(_MOST))]
+Name = Annotated[str, Meta(max_length=_LONGEST)]
+Numbers = Annotated[list[Number], Meta(max_length=_SEVERAL)]
+Pair = tuple[Number, Number]
+Vector = tuple[Number, Number, Number]
+Quaternion = tuple[Number, Number, Number, Number]
+
+
+class _Whole(msgspec.Struct, forbid_unknown_fields=True):
+    """Has its fields, and no others."""
+
+
+class _Camera(_Whole, tag="ViewerCameraMessage"):
+    wxyz: Quaternion
+    position: Vector
+    look_at: Vector
+    up_direction: Vector
+    fov: Annotated[float, Meta(gt=_LEAST, lt=math.pi)]
+    near: Positive
+    far: Positive
+    image_height: Pixels
+    image_width: Pixels
+
+    def __post_init__(self) -> None:
+        _check(math.hypot(*self.wxyz) > _LEAST and math.hypot(*self.up_direction) > _LEAST)
+
+
+class _Updates(_Whole):
+    value: bool | Number | Name | Numbers | None
+
+
+class _Update(_Whole, tag="GuiUpdateMessage"):
+    uuid: Name
+    updates: _Updates
+
+
+class _Command(_Whole, tag="CommandTriggerMessage"):
+    uuid: Name
+
+
+class _Click(_Whole, tag="ScenePointerMessage"):
+    event_type: Literal["click"]
+    ray_origin: Vector
+    ray_direction: Vector
+    screen_pos: tuple[Pair]
+    modifier: None
+
+    def __post_init__(self) -> None:
+        _check(math.hypot(*self.ray_direction) > _LEAST)
+
+
+class _Picture(_Whole, tag="GetRenderResponseMessage"):
+    """The canvas that was requested, a PNG of a bounded size; viser drops one that was not requested."""
+
+    payload: bytes
+    render_uuid: Name
+
+    def __post_init__(self) -> None:
+        size = self.payload[len(_PNG) : len(_PNG) + 8]
+        _check(self.payload.startswith(_PNG) and len(size) == 8)
+        _check(0 < int.from_bytes(size[:4]) * int.from_bytes(size[4:]) <= _MOST_PIXELS)
+
+
+def _check(right: bool) -> None:
+    if not right:
+        raise ValueError
+
+
+KINDS = frozenset(one.__struct_config__.tag for one in (_Camera, _Update, _Command, _Click, _Picture))
+"""All that is received: what the controls of the pages make a browser send. A new kind of control may need another."""
+_MESSAGE = msgspec.msgpack.Decoder(_Camera | _Update | _Command | _Click | _Picture)
+_LONG_MESSAGE = msgspec.msgpack.Decoder(_Picture)  # nothing is built of what is none, whatever its length
 
 
 def accepted(raw: object) -> bool:
     """Whether a message is one that the page sends, and whole."""
-    if not isinstance(raw, bytes):
-        return False
-    if len(raw) > MOST_BYTES:
-        return _picture(raw)
-    try:
-        message = msgspec.msgpack.decode(raw)
-    except (ValueError, TypeError, RecursionError):  # msgspec.DecodeError is a ValueError; keys may be unhashable
-        return False
-    if not isinstance(message, dict):
-        return False
-    fields = dict(message)
-    kind = fields.pop("type", None)
-    if kind == "GetRenderResponseMessage":
-        return _picture(raw)
-    return isinstance(kind, str) and kind in _CHECKS and _CHECKS[kind](fields)
-
-
-class _Picture(msgspec.Struct, tag="GetRenderResponseMessage", forbid_unknown_fields=True):
-    """The canvas that was requested; viser drops one that was not."""
-
-    payload: bytes
-    render_uuid: str
-
-
-_PICTURE = msgspec.msgpack.Decoder(_Picture)
-_PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
-
-
-def _picture(raw: bytes) -> bool:
-    """Whether it is a PNG of a bounded size; nothing is built of what is not, whatever its length."""
-    if len(raw) > MOST_PICTURE_BYTES:
+    if not isinstance(raw, bytes) or len(raw) > MOST_PICTURE_BYTES:
         return False
     try:
-        message = _PICTURE.decode(raw)
-    except (ValueError, TypeError, RecursionError):
+        (_MESSAGE if len(raw) <= MOST_BYTES else _LONG_MESSAGE).decode(raw)
+    except (ValueError, TypeError, RecursionError):  # msgspec.DecodeError is a ValueError
         return False
-    size = message.payload[len(_PNG) : len(_PNG) + 8]
-    if not (_name(message.render_uuid) and message.payload.startswith(_PNG) and len(size) == 8):
-        return False
-    return 0 < int.from_bytes(size[:4]) * int.from_bytes(size[4:]) <= _MOST_PIXELS
-
-
-def _camera(message: Mapping[str, Any]) -> bool:
-    vectors = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
-    numbers = ("fov", "near", "far", "image_height", "image_width")
-    return (
-        message.keys() == {*vectors, *numbers}
-        and all(_vector(message[name], size) for name, size in vectors.items())
-        and all(_number(message[name]) and message[name] > _LEAST for name in numbers)
-        and all(isinstance(message[name], int) for name in ("image_height", "image_width"))
-        and message["fov"] < math.pi
-        and math.hypot(*message["wxyz"]) > _LEAST
-        and math.hypot(*message["up_direction"]) > _LEAST
-    )
-
-
-def _update(message: Mapping[str, Any]) -> bool:
-    updates = message.get("updates")
-    return (
-        message.keys() == {"uuid", "updates"}
-        and _name(message["uuid"])
-        and isinstance(updates, dict)
-        and updates.keys() == {"value"}
-        and _value(updates["value"])
-    )
-
-
-def _click(message: Mapping[str, Any]) -> bool:
-    places = message.get("screen_pos")
-    return (
-        message.keys() == {"event_type", "ray_origin", "ray_direction", "screen_pos", "modifier"}
-        and message["event_type"] == "click"
-        and message["modifier"] is None
-        and _vector(message["ray_origin"], 3)
-        and _vector(message["ray_direction"], 3)
-        and math.hypot(*message["ray_direction"]) > _LEAST
-        and isinstance(places, list)
-        and len(places) == 1
-        and _vector(places[0], 2)
-    )
-
-
-def _command(message: Mapping[str, Any]) -> bool:
-    return message.keys() == {"uuid"} and _name(message["uuid"])
-
-
-_CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "ViewerCameraMessage": _camera,
-    "GuiUpdateMessage": _update,
-    "CommandTriggerMessage": _command,
-    "ScenePointerMessage": _click,
-}
-
-KINDS = frozenset({*_CHECKS, "GetRenderResponseMessage"})
-"""All that is received: what the controls of the pages make a browser send. A new kind of control may need another."""
-
-
-def _value(value: object) -> bool:
-    if isinstance(value, list):
-        return len(value) <= _SEVERAL and all(map(_number, value))
-    return isinstance(value, bool) or value is None or _name(value) or _number(value)
-
-
-def _vector(value: object, size: int) -> bool:
-    return isinstance(value, list) and len(value) == size and all(map(_number, value))
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _MOST  # which NaN is not
-
-
-def _name(value: object) -> bool:
-    return isinstance(value, str) and len(value) <= _LONGEST
+    return True

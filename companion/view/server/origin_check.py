@@ -12,7 +12,6 @@ dark_names.js.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import functools
 import gzip
@@ -25,7 +24,6 @@ import re
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qs, quote, urlsplit
@@ -86,107 +84,103 @@ def is_own_page(host: str | None, origin: str | None, names: frozenset[str]) -> 
     return origin is None or (origin.startswith(("http://", "https://")) and urlsplit(origin).netloc == host)
 
 
-@dataclass(frozen=True, slots=True)
-class OriginCheck:
-    """What is required of whoever connects to a server at `host`. token: "" for none."""
+@contextlib.contextmanager
+def guarded(host: str, token: str = "", visited: Visited = lambda _t, _imu, _again: None) -> Iterator[None]:
+    """Guard the viser server that is made inside, at `host`. Raises RuntimeError when viser makes none as it did.
 
-    host: str
-    token: str = ""
-    visited: Visited = lambda _t, _imu, _again: None  # see `Visited`
+    token: required of whoever connects; "" for none. viser 1.1 has no hook for requests: what it calls to open its
+    WebSocket server is replaced meanwhile.
+    """
+    opened: list[bool] = []
+    with _patching:
+        serve: Any = websockets.asyncio.server.serve
 
-    @contextlib.contextmanager
-    def at_the_door(self) -> Iterator[None]:
-        """Guard the viser server that is made inside. Raises RuntimeError when viser makes none as it did.
+        def guarded_serve(handler: Handler, *places: Any, process_request: Answer, **options: Any) -> Any:
+            opened.append(True)
+            options |= {"max_size": MOST_PICTURE_BYTES + 1, "logger": _log_of_connections, "server_header": None}
+            return serve(
+                _filtered(handler),
+                *places,
+                process_request=_checked(process_request, own_names(host), token, visited),
+                process_response=_marked,
+                **options,
+            )
 
-        viser 1.1 has no hook for requests: what it calls to open its WebSocket server is replaced meanwhile.
-        """
-        guarded: list[bool] = []
-        with _patching:
-            serve: Any = websockets.asyncio.server.serve
+        websockets.asyncio.server.serve = guarded_serve  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]
+    if not opened:
+        raise RuntimeError(f"viser {viser.__version__} opens its server in another way than 1.1: it is not guarded")
 
-            def guarded_serve(handler: Handler, *places: Any, process_request: Answer, **options: Any) -> Any:
-                guarded.append(True)
-                options |= {"max_size": MOST_PICTURE_BYTES + 1, "logger": _log_of_connections, "server_header": None}
-                return serve(
-                    self._filtered(handler),
-                    *places,
-                    process_request=self._answered(process_request),
-                    process_response=_marked,
-                    **options,
-                )
 
-            websockets.asyncio.server.serve = guarded_serve  # type: ignore[assignment, misc]
-            try:
-                yield
-            finally:
-                websockets.asyncio.server.serve = serve  # type: ignore[misc]
-        if not guarded:
-            raise RuntimeError(f"viser {viser.__version__} opens its server in another way than 1.1: it is not guarded")
+def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited) -> Answer:
+    """The answer to a request: a refusal, or what viser answers."""
 
-    def _answered(self, answer: Answer) -> Answer:
-        """The answer to a request: a refusal, or what viser answers."""
-        names = own_names(self.host)
+    def is_right(given: str) -> bool:
+        return not token or hmac.compare_digest(given.encode(errors="replace"), token.encode())
 
-        def answered(connection: ServerConnection, request: Request) -> Response | None:
-            headers = request.headers
-            if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
-                return connection.respond(http.HTTPStatus.FORBIDDEN, "companion serves only its own page.\n")
-            query = urlsplit(request.path).query
-            given = parse_qs(query).get("token", [""])[-1]
-            cookie = f"companion-{connection.local_address[1]}"
-            if not any(self._is_right(one) for one in (given, _cookie(headers, cookie), _bearer(headers))):
-                return connection.respond(
-                    http.HTTPStatus.FORBIDDEN,
-                    "Open the whole address that companion has printed, with the token in it.\n",
-                )
-            if urlsplit(request.path).path == ALIVE:
-                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
-            if urlsplit(request.path).path == REMEMBERED:
-                if headers.get("Sec-Fetch-Site") == "same-origin":  # no other site's page moves what is shown
-                    self.visited(*_requested(query), True)
-                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
-            if not query or headers.get("Upgrade") == "websocket":
-                return _ours(answer(connection, request))
-            # Only what a person opens: no picture or frame of another site's page moves what is shown.
-            if headers.get("Sec-Fetch-Dest", "document") == "document":
-                self.visited(*_requested(query), False)
-            there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
-            there.headers["Location"] = "./"
-            if self.token:
-                age = f"Max-Age={86400 * _COOKIE_DAYS}"
-                there.headers["Set-Cookie"] = f"{cookie}={self.token}; {age}; HttpOnly; SameSite=Lax; Path=/"
-            return there
+    def answered(connection: ServerConnection, request: Request) -> Response | None:
+        headers, address = request.headers, urlsplit(request.path)
+        if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "companion serves only its own page.\n")
+        given = parse_qs(address.query).get("token", [""])[-1]
+        cookie = f"companion-{connection.local_address[1]}"
+        if not any(map(is_right, (given, _cookie(headers, cookie), _bearer(headers)))):
+            return connection.respond(
+                http.HTTPStatus.FORBIDDEN,
+                "Open the whole address that companion has printed, with the token in it.\n",
+            )
+        if address.path in (ALIVE, REMEMBERED):
+            # No other site's page moves what is shown.
+            if address.path == REMEMBERED and headers.get("Sec-Fetch-Site") == "same-origin":
+                visited(*_requested(address.query), True)
+            return connection.respond(http.HTTPStatus.NO_CONTENT, "")
+        if not address.query or headers.get("Upgrade") == "websocket":
+            return _ours(answer(connection, request))
+        # Only what a person opens: no picture or frame of another site's page moves what is shown.
+        if headers.get("Sec-Fetch-Dest", "document") == "document":
+            visited(*_requested(address.query), False)
+        there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
+        there.headers["Location"] = "./"
+        if token:
+            age = f"Max-Age={86400 * _COOKIE_DAYS}"
+            there.headers["Set-Cookie"] = f"{cookie}={token}; {age}; HttpOnly; SameSite=Lax; Path=/"
+        return there
 
-        return answered
+    return answered
 
-    def _is_right(self, token: str) -> bool:
-        return not self.token or hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
-    def _filtered(self, handler: Handler) -> Handler:
-        """Let viser serve pages of its own version, of whose messages it receives those that the page sends."""
-        present: set[ServerConnection] = set()
-        protocol = f"viser-v{viser.__version__}"
+def _filtered(handler: Handler) -> Handler:
+    """Let viser serve pages of its own version, of whose messages it receives those that the page sends."""
+    present: set[ServerConnection] = set()
+    protocol = f"viser-v{viser.__version__}"
 
-        async def filtered(connection: ServerConnection) -> None:
-            if connection.subprotocol != protocol:
-                await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
-                return
-            if len(present) >= MOST_BROWSERS:
-                await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
-                return
-            present.add(connection)
-            _receive_only_what_is_accepted(connection)
-            try:
-                await handler(connection)
-            finally:
-                present.discard(connection)
+    async def filtered(connection: ServerConnection) -> None:
+        if connection.subprotocol != protocol:
+            await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
+            return
+        if len(present) >= MOST_BROWSERS:
+            await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
+            return
+        present.add(connection)
+        _receive_only_what_is_accepted(connection)
+        try:
+            await handler(connection)
+        finally:
+            present.discard(connection)
 
-        return filtered
+    return filtered
 
 
 def quieten(server: viser.ViserServer) -> None:
     """What viser's own handlers fail at is for who develops, and no traceback in a terminal."""
-    server.get_event_loop().set_exception_handler(_note)
+
+    def note(_: object, context: dict[str, Any]) -> None:
+        _log.debug("in the server: %s", context.get("message"), exc_info=context.get("exception"))
+
+    server.get_event_loop().set_exception_handler(note)
 
 
 def _receive_only_what_is_accepted(connection: Any) -> None:
@@ -219,10 +213,6 @@ def _marked(_: ServerConnection, __: Request, response: Response) -> None:
     """Every answer says that no other page may show it in a frame."""
     for name, value in _HEADERS.items():
         response.headers[name] = value
-
-
-def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    _log.debug("in the server: %s", context.get("message"), exc_info=context.get("exception"))
 
 
 def _cookie(headers: Headers, name: str) -> str:

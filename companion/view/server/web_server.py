@@ -14,7 +14,7 @@ import rich
 import viser
 
 from companion.model import InputError
-from companion.view.server.origin_check import OriginCheck, Visited, quieten
+from companion.view.server.origin_check import Visited, guarded, quieten
 
 PORTS_TRIED = 100
 
@@ -104,12 +104,12 @@ def _bindable(family: int, address: str, port: int) -> bool:
 
 
 def open_server(address: Address, visited: Visited = lambda _t, _imu, _again: None) -> viser.ViserServer:
-    """Start viser's server there, without its banner, and guarded: see `OriginCheck`.
+    """Start viser's server there, without its banner, and guarded: see `guarded`.
 
     visited: called, in the server's event loop, with what an address that is opened requests, `?t=...&imu=...`, or what
     a page remembers.
     """
-    with _quiet(), OriginCheck(address.host, address.token, visited).at_the_door():
+    with _quiet(), guarded(address.host, address.token, visited):
         # A page may be closed between two writes, and it does not miss what it is not sent.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         server = viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)

@@ -1,23 +1,84 @@
-"""What is worth a look: the errors as curves beside what is allowed, where they are largest, where the page opens."""
+"""What is worth a look: named instants, the errors beside what is allowed, where they are largest, where it opens."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from companion.analysis import Finding, Integration, Replay, Verdict, replay
-from companion.model import Array, DataError, Flight
-from companion.view.state.trajectory import DisplayTrajectory, Errors, joined, worst_stretch
+from companion.analysis import (
+    Assessment,
+    Finding,
+    Integration,
+    Replay,
+    Verdict,
+    errors,
+    expected_since_anchor,
+    replay,
+    trailing,
+)
+from companion.model import Array, DataError, Event, Flight, StatusText, words
+from companion.present import QUANTITIES
+from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, joined, with_result, worst_stretch
+
+MarkKind = Literal["finding", "arming", "mode", "trouble", "text", "anchor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A named instant. The label is untrusted text: it is escaped where it becomes markup."""
+
+    t: float  # s, boot clock
+    label: str
+    kind: MarkKind = "text"
+
+
+MOST_LABELS = 60  # characters of a label that are shown
+_ARMING = re.compile(r"\b(dis)?arm(ed|ing)?\b", re.IGNORECASE)
+_MODE = re.compile(r"\bmode\b", re.IGNORECASE)
+_WARNING = 4  # MAV_SEVERITY_WARNING; smaller is worse
+
+
+def marks_of(flight: Flight, findings: Sequence[Finding] = ()) -> list[Mark]:
+    """Texts and events of the vehicle, and findings, sorted by time."""
+    told = [Mark(text.t, text.text, _kind(text)) for text in flight.texts]
+    told += map(_event_mark, flight.events)
+    told += (Mark(one.start_s, finding_label(one), "finding") for one in findings)
+    return sorted(told, key=lambda mark: mark.t)
+
+
+def finding_label(finding: Finding) -> str:
+    """Its kind and evidence: untrusted."""
+    return f"{words(finding.kind)}: {finding.evidence}"
+
+
+def _event_mark(event: Event) -> Mark:
+    if event.kind == "mode":
+        return Mark(event.t, f"mode {event.text}", "mode")
+    kinds: dict[str, MarkKind] = {"armed": "arming", "disarmed": "arming", "error": "trouble"}
+    return Mark(event.t, event.text, kinds.get(event.kind, "text"))
+
+
+def short(label: str) -> str:
+    """A label as it fits in a list: one line, printable, cut where it is too long."""
+    line = "".join(c if c.isprintable() else " " for c in label).strip() or "(no words)"
+    return line if len(line) <= MOST_LABELS else line[: MOST_LABELS - 1] + "…"
+
+
+def _kind(text: StatusText) -> MarkKind:
+    if _ARMING.search(text.text):
+        return "arming"
+    if _MODE.search(text.text):
+        return "mode"
+    return "trouble" if text.severity <= _WARNING else "text"
+
 
 Error = Literal["attitude", "velocity", "position"]
-ERRORS: dict[Error, tuple[str, str]] = {
-    "attitude": ("Attitude error", "°"),
-    "velocity": ("Velocity error", "m/s"),
-    "position": ("Position error", "m"),
-}
-"""Name and unit of what can be off."""
+ERRORS = dict(zip(get_args(Error), QUANTITIES, strict=True))
+"""What can be off."""
 BEFORE_S, PLAYED_S = 3.0, 10.0
 """How long before the onset of a cause what is played from the page's opening begins, and how long it lasts."""
 AFTER_S = 3.0
@@ -86,22 +147,18 @@ def over_horizon(display: DisplayTrajectory, error: Error) -> ErrorCurve | None:
     if display.result is None or display.trailing is None or not len(display.trailing.t):
         return None
     result = display.result
-    names = {"attitude": "attitude_deg", "velocity": "velocity_mps", "position": "position_m"}
-    allowed = getattr(result.allowed, names[error], None)
-    t = display.trailing.t
-    return ErrorCurve(
-        error, t, length_of(display.trailing, error), np.full(len(t), allowed or np.nan), result.horizon_s
-    )
+    t, column = display.trailing.t, ERRORS[error].attribute
+    allowed = np.full(len(t), getattr(result.allowed, column, None) or np.nan)
+    return ErrorCurve(error, t, getattr(display.trailing, column), allowed, result.horizon_s)
 
 
 def since_anchor(display: DisplayTrajectory, error: Error) -> ErrorCurve:
     """The error at every sample of the replay."""
-    t, allowed = display.replay.t, np.full(len(display.replay.t), np.nan)
+    t, allowed, column = display.replay.t, np.full(len(display.replay.t), np.nan), ERRORS[error].attribute
     if (envelope := display.expected) is not None:
-        lines = {"attitude": envelope.attitude_deg, "velocity": envelope.velocity_mps, "position": envelope.position_m}
-        allowed = np.interp(t, envelope.t, lines[error])
+        allowed = np.interp(t, envelope.t, getattr(envelope, column))
     known = (allowed > 0) & display.replay.reference_valid  # across a gap the autopilot's state is interpolated
-    return ErrorCurve(error, t, length_of(display.errors, error), np.where(known, allowed, np.nan))
+    return ErrorCurve(error, t, getattr(display.errors, column), np.where(known, allowed, np.nan))
 
 
 def shown_curve(display: DisplayTrajectory, error: Error) -> ErrorCurve:
@@ -122,13 +179,6 @@ def sigmas_along(display: DisplayTrajectory, t: Array) -> Array:
         near = np.minimum(np.abs(centre[after] - t), np.abs(centre[np.maximum(after - 1, 0)] - t)) < curve.horizon_s / 2
         most = np.fmax(most, np.where(near, np.interp(t, centre, curve.sigmas), np.nan))
     return most
-
-
-def length_of(errors: Errors, error: Error) -> Array:
-    """(N,) the size of an error."""
-    if error == "attitude":
-        return np.hypot(errors.tilt_deg, errors.heading_deg)
-    return errors.velocity_mps if error == "velocity" else errors.position_m
 
 
 def errors_in(display: DisplayTrajectory) -> tuple[Error, ...]:
@@ -159,8 +209,8 @@ def moment_of(finding: Finding, display: DisplayTrajectory) -> Moment:
 def cause_of(verdict: Verdict) -> Finding | None:
     """The finding that a verdict is about: that of its cause, else the first of those that leave it open."""
     if (cause := verdict.cause) is not None:
-        errors = (f for f in verdict.findings if f.severity == "error")
-        return min(errors, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
+        faults = (f for f in verdict.findings if f.severity == "error")
+        return min(faults, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
     return next((f for f in verdict.findings if f.undecided or f.severity == "error"), None)
 
 
@@ -212,3 +262,18 @@ def anchored_at_opening(
         return joined(before, replay(seen, imu=imu, how=how, reanchor_s=reanchor_s, start_s=moment.begins_s))
     except DataError:
         return None
+
+
+def analysed(
+    flight: Flight, display: DisplayTrajectory, assessment: Assessment, horizon_s: float, reanchor_s: float | None
+) -> AnalysisResult:
+    """The analysis of what is shown, with the anchor where the page opens, and what is expected from there on."""
+    comparison = assessment.comparison
+    result = AnalysisResult(assessment, errors(comparison, trailing(comparison, horizon_s)), horizon_s)
+    anchored = None
+    if reanchor_s is not None:
+        opened = with_result(display, result)
+        anchored = anchored_at_opening(flight, opened, display.source, comparison.how, reanchor_s)
+    shown = anchored or display.replay
+    expected = expected_since_anchor(comparison, assessment.imu_spec, assessment.autopilot, shown)
+    return replace(result, expected=expected, replay=anchored)

@@ -19,10 +19,9 @@ from companion.analysis import (
     Replay,
     WindowErrors,
 )
-from companion.model import Array, DataError, ImuTrack, words
+from companion.model import Array, DataError, ImuTrack
 from companion.strapdown import SAME_TIME, quaternion
-from companion.view.state.decimation import Indices
-from companion.view.state.marks import Mark
+from companion.view.state.sending import Indices
 
 MOST = 1e12
 """A figure that diverged is finite here and infinite as the float32 that the browser gets: it is cut off."""
@@ -47,13 +46,6 @@ class AnalysisResult:
         rows = zip(self.assessment.drift.rows, self.assessment.expected, strict=True)
         return next((one for row, one in rows if row.horizon_s == self.horizon_s), None)
 
-    @property
-    def marks(self) -> tuple[Mark, ...]:
-        """The findings as marks of the timeline, in the order of the verdict."""
-        return tuple(
-            Mark(f.start_s, f"{words(f.kind)}: {f.evidence}", "finding") for f in self.assessment.verdict.findings
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightChecks:
@@ -72,6 +64,11 @@ class Errors:
     heading_deg: Array  # (N,) its vertical part: positive when the autopilot points clockwise of the IMU, from above
     velocity_mps: Array  # (N,)
     position_m: Array  # (N,)
+
+    @property
+    def attitude_deg(self) -> Array:
+        """(N,) the size of the attitude error."""
+        return np.hypot(self.tilt_deg, self.heading_deg)
 
 
 def errors_of(t: Array, attitude: Array, velocity: Array, position: Array) -> Errors:
@@ -100,12 +97,9 @@ class Envelope:
     position_m: Array  # (M,)
     covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (M, 3, 3) of the position, NED, m²
 
-    def at(self, t: float) -> tuple[float, float, float]:
-        """Attitude °, velocity m/s, position m at `t`, s."""
-        attitude, velocity, position = (
-            float(np.interp(t, self.t, line)) for line in (self.attitude_deg, self.velocity_mps, self.position_m)
-        )
-        return attitude, velocity, position
+    def at(self, t: float, attribute: str) -> float:
+        """One of them at `t`, s."""
+        return float(np.interp(t, self.t, getattr(self, attribute)))
 
     def ellipsoid(self, t: float) -> Array:
         """Covariance of the position (3, 3) at `t`, s: on a straight line between those that are known."""
@@ -142,6 +136,11 @@ class Sample:
     covariance: Array  # (3, 3) of the expected position error, NED, m²; zero where nothing is expected
     known: bool  # whether the autopilot's state is known here, or only interpolated across a gap
 
+    @property
+    def attitude_deg(self) -> float:
+        """The size of the attitude error."""
+        return float(np.hypot(self.tilt_deg, self.heading_deg))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplayTrajectory:
@@ -175,19 +174,6 @@ class DisplayTrajectory:
         """The instant `t`: see `samples`."""
         return self.samples(np.array([t]))[0]
 
-    @property
-    def last(self) -> Sample:
-        """The last sample: what `at(end)` is, in a tenth of the time."""
-        begun = self.replay.anchors[self.replay.anchors <= self.end]
-        values: dict[str, Any] = {name: column[-1] for name, column in self._columns().items()}
-        return Sample(
-            self.end,
-            **values,
-            since_anchor_s=self.end - float(begun[-1]) if len(begun) else 0.0,
-            covariance=self._covariance(self.end),
-            known=bool(self.replay.reference_valid[-2:].all()),
-        )
-
     def samples(self, times: Array) -> list[Sample]:
         """The instants `times` (F,) s, between two samples by straight lines; beyond the ends the first or last sample.
 
@@ -202,9 +188,10 @@ class DisplayTrajectory:
         jumps = self.restarts.searchsorted(right) < self.restarts.searchsorted(right, side="right")
         imu_share = np.where(jumps & (share < 1.0), 0.0, share)
         anchors = r.anchors.searchsorted(times, side="right")
+        whole = {name: getattr(r, name) for name in _STATES} | {name: getattr(self.errors, name) for name in _ERRORS}
         columns = {
             name: _between(column[left], column[right], share if name.endswith("_ref") else imu_share)
-            for name, column in self._columns().items()
+            for name, column in whole.items()
         }
         columns |= {
             "t": times,
@@ -213,11 +200,6 @@ class DisplayTrajectory:
             "known": r.reference_valid[left] & r.reference_valid[right],
         }
         return [Sample(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
-
-    def _columns(self) -> dict[str, Array]:
-        """Of a sample, at the replay's times."""
-        values = {name: getattr(self.replay, name) for name in _STATES}
-        return values | {name: getattr(self.errors, name) for name in _ERRORS}
 
     def _covariance(self, t: float) -> Array:
         return np.zeros((3, 3)) if self.expected is None else self.expected.ellipsoid(t)
@@ -233,7 +215,7 @@ class DisplayTrajectory:
         i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
         if i < 0 or t - errors.t[i] > _STALE_S:
             return None
-        return float(np.hypot(errors.tilt_deg[i], errors.heading_deg[i])), float(errors.position_m[i])
+        return float(errors.attitude_deg[i]), float(errors.position_m[i])
 
 
 def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTrajectory:

@@ -12,7 +12,8 @@ from companion.analysis.lane_errors import Compared
 from companion.view import FlightChecks
 from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
 from tests.simulated import free_port
-from tests.view.panels.test_live_text import EVIL, read
+from tests.view.browser_messages import Tags
+from tests.view.panels.test_live_panel import EVIL
 
 NOTHING = np.zeros(0)
 CHECKS = (
@@ -24,11 +25,11 @@ RESULT = Preflight(1.0, 20.0, True, CHECKS, (EVIL,), ("barometer: none in the lo
 
 
 def test_each_check_has_its_outcome_and_what_the_vehicle_says_is_text() -> None:
-    shown = read(preflight_markup(RESULT).replace("&nbsp;", " "))
-    assert shown.found <= {"div", "span", "b", "br", "table", "tr", "td", "style"}
+    shown = Tags(preflight_markup(RESULT).replace("&nbsp;", " "))
+    assert shown.tags <= {"div", "span", "b", "br", "table", "tr", "td", "style"}
     for words in ("NO-GO", "cannot tell", "1.00 ± 0.500 mrad/s", "18.0 mrad/s", "barometer: none in the log"):
-        assert words in shown.text
-    order = [shown.text.index(name) for name in ("Compass heading", "GPS speed", "Gyro bias")]
+        assert words in shown.words
+    order = [shown.words.index(name) for name in ("Compass heading", "GPS speed", "Gyro bias")]
     assert order == sorted(order), "what is wrong first"
 
 
@@ -41,7 +42,7 @@ def lanes() -> Lanes:
 
 
 def test_a_lane_has_a_column_and_a_quantity_a_row() -> None:
-    shown = read(lanes_markup(lanes())).text
+    shown = Tags(lanes_markup(lanes())).words
     assert "core 1 was the right lane" in shown
     assert "tilt, °5.730.5730.057" in shown
 

@@ -8,7 +8,7 @@ import pytest
 
 from companion.analysis.verdict import Status
 from companion.present import palette
-from companion.view.panels.markup import COLOURS, banner, swatch, waiting
+from companion.view.panels.markup import COLOURS, banner, swatch
 
 WHITE = (255, 255, 255)
 
@@ -56,7 +56,7 @@ def test_what_is_seen_through_has_an_edge_that_a_dark_page_does_not_swallow() ->
 
 
 def test_texts_of_the_vehicle_stay_texts() -> None:
-    assert "<img" not in banner("imu_suspect", "<img src=x>") + waiting("<img src=x>")
+    assert "<img" not in banner("imu_suspect", "<img src=x>") + banner("", "<img src=x>")
 
 
 def test_contrast_is_that_of_wcag() -> None:

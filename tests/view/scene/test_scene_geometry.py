@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Array
+from companion.strapdown.quaternion import to_euler
 from companion.view import ReplayChoice
 from companion.view.scene.cameras import (
     ASPECT,
@@ -20,23 +21,15 @@ from companion.view.scene.cameras import (
     camera,
     frame,
     grid_cell,
-    heading,
     nice,
     step_back,
     world,
 )
-from companion.view.scene.overlays import LONGEST, SHORTEST, Arrows, arrow_length
+from companion.view.scene.drone import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.state.trajectory import Sample
-from tests.view.circles import make_flight, quaternion, recompute
+from tests.view.circles import make_flight, recompute
 
 DISPLAY = recompute(make_flight(), ReplayChoice())
-
-
-@given(st.floats(-np.pi, np.pi), st.floats(-1.0, 1.0), st.floats(-1.2, 1.2))
-def test_heading_is_the_yaw(yaw: float, roll: float, pitch: float) -> None:
-    q = quaternion(np.array([roll]), np.array([pitch]), np.array([yaw]))[0]
-    difference = heading(q) - yaw
-    assert np.cos(difference) == pytest.approx(1.0, abs=1e-9)
 
 
 @given(st.floats(0.001, 1e6))
@@ -126,7 +119,7 @@ def test_a_following_camera_keeps_the_autopilot_in_the_middle(mode: str) -> None
         where = pose.apply(sample.position_ref)
         middle = (sample.position_ref - sample.position_imu) / 2 if mode == "Follow" else np.zeros(3)
         np.testing.assert_allclose(where, sample.position_ref if mode in ("Free", "Map") else middle, atol=1e-9)
-        nose: Array = pose.apply(sample.position_ref + [np.cos(a := heading(sample.q_ref)), np.sin(a), 0.0]) - where
+        nose: Array = pose.apply(sample.position_ref + [np.cos(a := to_euler(sample.q_ref)[2]), np.sin(a), 0.0]) - where
         if mode == "Chase":
             np.testing.assert_allclose(nose, [1.0, 0.0, 0.0], atol=1e-9)
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
-from typing import Any
 
-import msgspec
 import pytest
 import viser
 import websockets
@@ -17,19 +15,16 @@ from hypothesis import strategies as st
 from companion.model import Flight
 from companion.view import Viewer
 from companion.view.server.client_messages import MOST_BYTES, MOST_PICTURE_BYTES, accepted
+from tests.view.browser_messages import CAMERA, Message, pack
 from tests.view.circles import examine, recompute
 from tests.waiting import wait_for
 
-CAMERA: dict[str, Any] = {
-    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [5.0, 5.0, 5.0], "fov": 1.0, "near": 0.1,
-    "far": 100.0, "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, -1.0], "image_height": 600, "image_width": 800,
-}  # fmt: skip
-CLICK: dict[str, Any] = {
+CLICK: Message = {
     "type": "ScenePointerMessage", "event_type": "click", "ray_origin": [1.0, 2.0, 3.0], "modifier": None,
     "ray_direction": [0.0, 0.6, 0.8], "screen_pos": [[0.5, 0.5]],
 }  # fmt: skip
 NAN, INF = float("nan"), float("inf")
-HOSTILE: list[dict[str, Any]] = [
+HOSTILE: list[Message] = [
     CAMERA | {"image_height": 0}, CAMERA | {"image_width": -1}, CAMERA | {"image_height": 1e300},
     CAMERA | {"look_at": [0.0, 0.0, NAN]}, CAMERA | {"position": [INF, 0.0, 0.0]}, CAMERA | {"position": [1.0]},
     CAMERA | {"wxyz": [0.0, 0.0, 0.0, 0.0]}, CAMERA | {"wxyz": [1e-200, 0.0, 0.0, 0.0]}, CAMERA | {"near": 5e-324},
@@ -49,12 +44,8 @@ HOSTILE: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
-def pack(message: object) -> bytes:
-    return msgspec.msgpack.encode(message)
-
-
 @pytest.mark.parametrize("message", HOSTILE)
-def test_what_no_page_sends_is_dropped(message: dict[str, Any]) -> None:
+def test_what_no_page_sends_is_dropped(message: Message) -> None:
     assert not accepted(pack(message))
 
 

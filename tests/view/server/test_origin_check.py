@@ -16,7 +16,7 @@ import websockets.exceptions
 import websockets.sync.client
 
 from companion.view import Viewer
-from companion.view.server.origin_check import OriginCheck, is_own_page, own_names
+from companion.view.server.origin_check import guarded, is_own_page, own_names
 from tests.view.circles import examine, make_flight, recompute
 from tests.waiting import LIMIT_S, wait_for
 
@@ -88,27 +88,19 @@ def first_message(url: str, **headers: str) -> bytes | str | None:
     return None
 
 
-def body(url: str, path: str = "/", **headers: str) -> bytes:
-    """What is answered there, unpacked."""
+def answer(url: str, path: str = "/", **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
+    """What is answered there, and its body."""
     connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=LIMIT_S)
     try:
         connection.request("GET", path, headers=headers)
-        answer = connection.getresponse()
-        packed = answer.read()
-        return gzip.decompress(packed) if answer.headers["Content-Encoding"] == "gzip" else packed
+        got = connection.getresponse()
+        return got, got.read()
     finally:
         connection.close()
 
 
 def get(url: str, path: str = "/", **headers: str) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=LIMIT_S)
-    try:
-        connection.request("GET", path, headers=headers)
-        answer = connection.getresponse()
-        answer.read()
-        return answer
-    finally:
-        connection.close()
+    return answer(url, path, **headers)[0]
 
 
 @pytest.mark.parametrize(("origin", "served"), [("https://evil.example", False), (None, True), ("own", True)])
@@ -181,14 +173,16 @@ def test_a_request_that_is_none_prints_nothing(open_page: str, capfd: pytest.Cap
 
 def test_a_server_that_is_opened_in_another_way_is_not_left_unguarded() -> None:
     before = websockets.asyncio.server.serve
-    with pytest.raises(RuntimeError, match="not guarded"), OriginCheck("127.0.0.1").at_the_door():
+    with pytest.raises(RuntimeError, match="not guarded"), guarded("127.0.0.1"):
         pass
     assert websockets.asyncio.server.serve is before
 
 
 @pytest.mark.parametrize("encoding", ["gzip", "identity"])
 def test_the_page_is_ours(open_page: str, encoding: str) -> None:
-    page = body(open_page, **{"Accept-Encoding": encoding})
+    page = answer(open_page, **{"Accept-Encoding": encoding})[1]
+    if encoding == "gzip":
+        page = gzip.decompress(page)
     assert b"<title>companion</title>" in page
     assert page.count(b"<title>") == 1
     assert page.index(b"companionCopyLink") < page.index(b"</head>")

@@ -9,11 +9,11 @@ import pytest
 
 from companion.analysis import Cause, Finding, Integration, Verdict, replay
 from companion.analysis.finding import KINDS
-from companion.view import ReplayChoice, anchored_at_opening, display_trajectory, with_result
-from companion.view.state.decimation import by_shape
+from companion.view import ReplayChoice, display_trajectory, with_result
 from companion.view.state.moments import (
     BEFORE_S,
     PLAYED_S,
+    anchored_at_opening,
     decisive,
     errors_in,
     moment_of,
@@ -21,6 +21,7 @@ from companion.view.state.moments import (
     since_anchor,
 )
 from companion.view.state.player import Player
+from companion.view.state.sending import by_shape
 from companion.view.state.trajectory import DisplayTrajectory
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from companion.analysis import LiveVerdict
 from companion.model import Flight
 from companion.present import Rgb, palette
-from companion.view.charts.chart import STYLE, Chart, Drawing
-from companion.view.charts.drawings import (
+from companion.view.panels.chart import Chart, Drawing
+from companion.view.panels.controls import Controls
+from companion.view.panels.drawings import (
     NOISE_TITLES,
     LogChart,
     LogDrawing,
@@ -23,20 +24,20 @@ from companion.view.charts.drawings import (
     rate_drawings,
     reading_drawings,
 )
-from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block
-from companion.view.state.history import Curves
+from companion.view.state.live import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 
-PAGES = (
-    "Errors since the anchor",
-    "Errors over the horizon",
-    "IMU readings",
-    "IMU noise",
-    "Drift by horizon",
-    "Rates and gaps",
-)
-ERRORS, HORIZON, READINGS, NOISE, DRIFT, RATES = PAGES
+HORIZON, NOISE = "Errors over the horizon", "IMU noise"
+Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
+PAGES: Mapping[str, Draw] = {
+    "Errors since the anchor": lambda display, _, colours: error_drawings(display, colours),
+    HORIZON: lambda display, _, colours: horizon_drawings(display, colours),
+    "IMU readings": lambda display, flight, _: reading_drawings(display, flight),
+    NOISE: lambda display, *_: noise_drawings(display),
+    "Drift by horizon": lambda display, _, colours: drift_drawings(display, colours),
+    "Rates and gaps": lambda _, flight, colours: rate_drawings(flight, colours),
+}
 CHARTS = 3
 _ZOOM = "Drag over a chart to zoom in, double-click to see all of it again"
 _NOTHING = {
@@ -50,9 +51,8 @@ class ChartPages:
 
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
-        page = gui.add_dropdown("Charts", PAGES, hint=_ZOOM)
+        page = gui.add_dropdown("Charts", tuple(PAGES), hint=_ZOOM)
         controls.on_change(page, self.pick)
-        gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
         self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
         self._hint = gui.add_html("", visible=False)
@@ -60,7 +60,7 @@ class ChartPages:
         self._flight: Flight | None = None
         self._colours: Mapping[str, Rgb] = {}
         self._part = (0.0, 1.0)
-        self._shown, self._now = ERRORS, 0.0
+        self._shown, self._now = next(iter(PAGES)), 0.0
 
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
@@ -82,10 +82,9 @@ class ChartPages:
 
     def relayout(self) -> None:
         """Make every browser lay its charts out again; see Chart.relayout."""
-        for chart in self._charts:
+        every: list[Chart | LogChart] = [*self._charts, *self._log_charts]
+        for chart in every:
             chart.relayout()
-        for log_chart in self._log_charts:
-            log_chart.relayout()
 
     def show(self, sample: Sample) -> None:
         """Move the line to `sample`."""
@@ -96,27 +95,13 @@ class ChartPages:
     def _draw(self) -> None:
         if self._display is None or self._flight is None:
             return
-        display, result = self._display, self._display.result
-        drawings: list[Drawing] = []
-        logs: list[LogDrawing] = []
-        if self._shown == ERRORS:
-            drawings = error_drawings(display, self._colours)
-        elif self._shown == HORIZON:
-            drawings = horizon_drawings(display, self._colours)
-        elif self._shown == READINGS:
-            drawings = reading_drawings(display, self._flight)
-        elif self._shown == RATES:
-            drawings = rate_drawings(self._flight, self._colours)
-        elif result is not None and self._shown == DRIFT:
-            logs = drift_drawings(result.assessment, self._colours.get(display.source, palette.IMU))
-        elif result is not None:
-            logs = noise_drawings(result.noise)
-        for chart, drawing in zip_longest(self._charts, drawings):
+        drawn = PAGES[self._shown](self._display, self._flight, self._colours)
+        for chart, drawing in zip_longest(self._charts, (one for one in drawn if isinstance(one, Drawing))):
             chart.draw(drawing, self._part)
-        for log_chart, log in zip_longest(self._log_charts, logs):
+        for log_chart, log in zip_longest(self._log_charts, (one for one in drawn if isinstance(one, LogDrawing))):
             log_chart.draw(log)
-        self._hint.visible = not drawings and not logs
-        why = "Analysis in progress." if result is None else _NOTHING.get(self._shown, "")
+        self._hint.visible = not drawn
+        why = "Analysis in progress." if self._display.result is None else _NOTHING.get(self._shown, "")
         self._hint.content = block(why)
 
 
@@ -132,9 +117,8 @@ class LiveCharts:
 
     def __init__(self, controls: Controls, window_s: float, picked: Callable[[], object]) -> None:
         """picked: called when others are to be drawn."""
-        runs = {"Since anchor": lambda: self._pick(free=False), "Free run": lambda: self._pick(free=True)}
+        runs = {"Since anchor": lambda _: self._pick(free=False), "Free run": lambda _: self._pick(free=True)}
         controls.row("Show", runs, _ZOOM)
-        controls.gui.add_html(STYLE)
         self._window, self._picked, self._free = window_s, picked, False
         self._charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
 

@@ -3,35 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from html.parser import HTMLParser
 from typing import cast
 
 from companion.analysis import Cause, LiveVerdict, State
 from companion.present import palette
 from companion.view import LinkState, ReplayChoice, StreamState
-from companion.view.panels import live_text, markup
+from companion.view.panels import live_panel, markup
+from tests.view.browser_messages import Tags
 from tests.view.circles import make_flight, recompute
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
-
-
-class _Tags(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: set[str] = set()
-        self.text = ""
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:  # noqa: ARG002  (HTMLParser's)
-        self.found.add(tag)
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
-def read(markup: str) -> _Tags:
-    tags = _Tags()
-    tags.feed(markup)
-    return tags
 
 
 def test_nothing_that_comes_from_outside_becomes_markup() -> None:
@@ -40,22 +21,22 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
         rejected=3, latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
     )  # fmt: skip
     for shown in (
-        live_text.link(state, EVIL, None),
-        live_text.verdict(LiveVerdict(cast("State", EVIL), EVIL), LinkState("a"), EVIL),
-        live_text.verdict(LiveVerdict("", EVIL), state, EVIL),
-        live_text.legend(EVIL, has_position=True),
-        live_text.health(state),
-        live_text.drift((), LiveVerdict(cast("State", EVIL), EVIL), [LiveVerdict("lost", EVIL, vehicle=EVIL)]),
-        live_text.messages([EVIL]),
+        live_panel.link(state, EVIL, None),
+        live_panel.verdict(LiveVerdict(cast("State", EVIL), EVIL), LinkState("a"), EVIL),
+        live_panel.verdict(LiveVerdict("", EVIL), state, EVIL),
+        live_panel.legend(EVIL, has_position=True),
+        live_panel.health(state),
+        live_panel.drift((), LiveVerdict(cast("State", EVIL), EVIL), [LiveVerdict("lost", EVIL, vehicle=EVIL)]),
+        live_panel.messages([EVIL]),
     ):
-        tags = read(shown)
-        assert tags.found <= {"div", "span", "small", "b", "table", "tr", "th", "td", "style"}
-        assert "<img src=x" in tags.text
+        tags = Tags(shown)
+        assert tags.tags <= {"div", "span", "small", "b", "table", "tr", "th", "td", "style"}
+        assert "<img src=x" in tags.words
 
 
 def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
     def text(now: LiveVerdict, problem: str = "", why_not: str = "") -> str:
-        return read(live_text.verdict(now, LinkState("udpin:1", problem), why_not)).text
+        return Tags(live_panel.verdict(now, LinkState("udpin:1", problem), why_not)).words
 
     suspect = LiveVerdict("imu_suspect", "Suspect the IMU: stuck.", newest=1.0, age_s=2.0)
     assert text(suspect).endswith("✗ IMU suspectStuck.")
@@ -66,12 +47,12 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
     alarm, agreed = palette.css(markup.COLOURS["imu_suspect"]), palette.css(markup.COLOURS["consistent"])
     old = replace(suspect, age_s=7.0)
     for link in (LinkState("udpin:1"), LinkState("udpin:1", "silent for 7 s")):
-        shown = live_text.verdict(replace(old, silent=bool(link.problem)), link, "")
+        shown = live_panel.verdict(replace(old, silent=bool(link.problem)), link, "")
         assert alarm in shown, "nothing has taken it back"
         assert ("link silent for" in shown) == bool(link.problem)
     well = replace(old, status="consistent", text="IMU and autopilot agree.")
-    assert agreed in live_text.verdict(replace(well, age_s=1.0), LinkState("udpin:1"), "")
-    assert agreed not in live_text.verdict(well, LinkState("udpin:1"), ""), "and this is dimmed"
+    assert agreed in live_panel.verdict(replace(well, age_s=1.0), LinkState("udpin:1"), "")
+    assert agreed not in live_panel.verdict(well, LinkState("udpin:1"), ""), "and this is dimmed"
     assert text(LiveVerdict("", ""), problem="silent for 7 s").endswith("No verdict: silent for 7\xa0s")
     assert text(LiveVerdict("", ""), why_not="no IMU messages").endswith("no IMU messages")
     assert "No verdict yet" in text(LiveVerdict("", ""))
@@ -80,7 +61,7 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
 
 def test_the_link_says_how_it_stands() -> None:
     def text(state: LinkState, why_not: str = "", held_s: float | None = None) -> str:
-        return read(live_text.link(state, why_not, held_s)).text
+        return Tags(live_panel.link(state, why_not, held_s)).words
 
     good = LinkState("udpin:1", frames=5, recording="a.tlog", recorded_bytes=2_500_000)
     assert text(good) == "LIVE● Recording a.tlog, 2.5 MB"
@@ -94,17 +75,18 @@ def test_the_link_says_how_it_stands() -> None:
 
 def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
     display = recompute(make_flight(), ReplayChoice())
-    now, silent = (live_text.numbers(display.last, None, has_position=True, silent=silent) for silent in (False, True))
+    last = display.at(display.end)
+    now, silent = (live_panel.numbers(last, None, has_position=True, silent=silent) for silent in (False, True))
     assert "when last received" not in now
     assert "Error when last received" in silent
     assert ("canvas" in silent, "canvas" in now) == (True, False)  # the picture and the charts are dimmed too
-    tilt = f'opacity:{palette.QUIET}"><td>tilt</td><td>{display.last.tilt_deg:.2f}°'
+    tilt = f'opacity:{palette.QUIET}"><td>tilt</td><td>{last.tilt_deg:.2f}°'
     assert (tilt in silent, tilt in now) == (True, False)
 
 
 def test_losses_latency_and_what_is_dropped() -> None:
     state = LinkState("udpin:1", frames=90, lost={"1:1": 0.1}, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
-    text = read(live_text.health(state)).text
+    text = Tags(live_panel.health(state)).words
     assert "90 frames, 10.00% of 1:1 lost" in text
     assert "Latency 7.2 ms" in text
     assert "4 frames dropped: not signed, or not with our key" in text

@@ -1,12 +1,21 @@
-"""What the charts draw: nothing that matters is lost, whatever is zoomed to."""
+"""What the charts draw: nothing that matters is lost, whatever is zoomed to; readings, and what is expected."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.charts.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
+from companion.analysis import LiveVerdict
+from companion.view import ReplayChoice
+from companion.view.panels.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
+from companion.view.panels.chart_pages import expected_over
+from companion.view.panels.drawings import reading_drawings
+from companion.view.state.live import Curves
+from companion.view.state.trajectory import Errors, display_trajectory
+from tests.view.circles import dead_reckon, make_flight
 
 T = 100.0 + np.arange(0.0, 60.0, 0.01)
 SINE = np.sin(T)
@@ -74,3 +83,31 @@ def test_a_legend_shows_dashes_as_the_lines_have_them() -> None:
     assert style.count("border-style") == 2
     assert "nth-child(3) .u-marker{border-style:dashed" in style
     assert "nth-child(4) .u-marker{border-style:dotted" in style
+
+
+def test_readings_and_what_they_were_before_correction_are_in_the_same_units() -> None:
+    flight = make_flight()
+    imu = flight.imu("RAW_IMU")
+    turning = replace(imu, gyro=imu.gyro + np.radians([10.0, -20.0, 30.0]))
+    corrected = replace(turning, gyro=turning.gyro - np.radians([1.0, 1.0, 1.0]), accel=imu.accel + 0.5)
+    display = display_trajectory(dead_reckon(flight, ReplayChoice()), corrected)
+    gyro, accel = reading_drawings(display, replace(flight, imus={"RAW_IMU": turning}))
+    assert (gyro.unit, accel.unit) == ("deg/s", "m/s²")
+    shown = [[(line.dash is None, float(np.median(line.values).round(6))) for line in d.lines] for d in (gyro, accel)]
+    assert shown[0] == [(True, 9.0), (True, -21.0), (True, 29.0), (False, 10.0), (False, -20.0), (False, 30.0)]
+    assert shown[1] == [(True, 0.5), (True, 0.5), (True, -9.30665), (False, 0.0), (False, 0.0), (False, -9.80665)]
+
+
+def test_the_band_grows_since_the_anchor_and_begins_again_with_the_next() -> None:
+    t = np.linspace(-10.0, 0.0, 101)
+    age = np.where(t < -4.0, t + 14.0, t + 4.0)  # an anchor at -14 s and one at -4 s
+    nothing = np.zeros(101)
+    errors = Errors(t, nothing, nothing, nothing, nothing)
+    curves = Curves(errors, errors, age, np.ones(101, np.bool_), has_position=True)
+    expected = ((2.0, 0.1, 0.2, 0.3), (10.0, 0.9, 1.0, 8.3))
+    band = expected_over(curves, LiveVerdict("", "", expected=expected))
+    assert band is not None
+    for one, first in zip((band.attitude_deg, band.velocity_mps, band.position_m), (0.3, 0.4, 2.3), strict=True):
+        np.testing.assert_allclose([one[0], one[-1]], first)
+        assert one[59] > 2.0 * one[61], "a new anchor"
+    assert expected_over(curves, LiveVerdict("", "")) is None

@@ -10,7 +10,7 @@ import pytest
 from companion.analysis import FreeState, Replay
 from companion.model import NavState
 from companion.view import ReplayChoice
-from companion.view.state.history import History, free_run, present
+from companion.view.state.live import History, free_run, present
 from companion.view.state.trajectory import Errors
 from tests.view.circles import dead_reckon, make_flight
 

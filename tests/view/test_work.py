@@ -1,7 +1,9 @@
-"""The worker: the newest request wins, and an error in words is an outcome."""
+"""The workers: the newest request wins, an error in words is an outcome, and nobody waits for what is not needed."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -10,7 +12,7 @@ from functools import partial
 import pytest
 
 from companion.model import DataError, Flight
-from companion.view import DisplayTrajectory, ReplayChoice, Viewer
+from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, Viewer
 from companion.view.state.work import Worker
 from tests.view.browser_messages import plain_page
 from tests.view.browsing import until
@@ -131,3 +133,33 @@ def test_a_choice_that_cannot_be_shown_is_taken_back(flight: Flight) -> None:
         page.listen(lambda: any("no place" in str(one) for one in page.messages))
         reported = next(i for i, one in enumerate(page.messages) if "no place" in str(one))
         page.listen(lambda: sent in page.messages[reported:])
+
+
+def test_a_long_work_holds_up_neither_the_end_nor_the_process() -> None:
+    program = """
+import time
+from companion.view.state.work import Worker
+worker = Worker("test")
+worker.request(lambda: time.sleep(600.0), print)
+worker.request(lambda: time.sleep(601.0), print)
+worker.close()
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=LIMIT_S)
+
+
+def test_a_page_is_left_at_once_while_it_is_analysed(flight: Flight) -> None:
+    analysed, over, done = threading.Event(), threading.Event(), threading.Event()
+
+    def endless(flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> AnalysisResult:
+        analysed.set()
+        over.wait(2 * LIMIT_S)
+        done.set()
+        return examine(flight, choice, display)
+
+    viewer = Viewer([flight], recompute, endless, port=0)
+    try:
+        assert analysed.wait(LIMIT_S)
+        viewer.close()
+        assert not done.is_set()
+    finally:
+        over.set()

@@ -13,8 +13,8 @@ from viser import uplot
 from companion.analysis import Assessment, AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array, Flight
-from companion.present import AXES, Rgb, palette
-from companion.view.charts.chart import DASHED, DOTTED, Dash, Drawing, Line, heading, legend_style, relayout, series
+from companion.present import AXES, QUANTITIES, Rgb, palette
+from companion.view.panels.chart import DASHED, DOTTED, Dash, Drawing, Line, heading, legend_style, relayout, series
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors
 
 
@@ -32,9 +32,8 @@ def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> 
     name, horizon = display.source, display.result.horizon_s
     envelope, expected = None, display.result.allowed
     if expected is not None:
-        figures = (expected.attitude_deg, expected.velocity_mps or 0.0, expected.position_m or 0.0)
-        ends = display.trailing.t[[0, -1]]
-        envelope = Envelope(ends, *(np.full(len(ends), sigma) for sigma in figures))
+        allowed = (getattr(expected, quantity.attribute) or 0.0 for quantity in QUANTITIES)
+        envelope = Envelope(display.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
     after = f" after {horizon:g} s"
     sources, has_position = {name: display.trailing}, display.replay.has_position
     return errors_over_time(sources, colours, envelope, None, after, has_position=has_position)
@@ -233,14 +232,18 @@ def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | No
     return tuple(np.maximum(column, LEAST_DRIFT) for column in np.array(sorted(rows)).T)
 
 
-def drift_drawings(assessment: Assessment, colour: Rgb) -> list[LogDrawing]:
+def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[LogDrawing]:
     """The drift table, in the colour of the IMU."""
+    if display.result is None:
+        return []
+    colour = colours.get(display.source, palette.IMU)
     styles: tuple[LineStyle, ...] = (
         ("median", colour, 2.2, None),
         ("95 %", colour, 1.2, None),
         ("expected 1σ", palette.CURSOR, 1.4, DASHED),
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
+    assessment = display.result.assessment
     charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
     return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
 
@@ -299,7 +302,7 @@ def _allan(
     return (curve.tau, *(factor * np.maximum(line, 0.1 * seen.min()) for line in lines), factor * sheet * fall)
 
 
-def noise_drawings(noise: ImuNoise | None) -> list[LogDrawing]:
+def noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
     """Spectra in flight and Allan deviations at rest, as far as there are any."""
-    charts = zip(NOISE_TITLES, noise_lines(noise), strict=True)
+    charts = zip(NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
     return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]

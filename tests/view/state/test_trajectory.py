@@ -1,4 +1,4 @@
-"""What reaches the screen: finite, of unit length, and true to the replay at its samples."""
+"""What reaches the screen: finite, of unit length, true to the replay; and where both are farthest apart."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from companion.analysis import Replay
 from companion.model import DataError, Flight
 from companion.view import DisplayTrajectory, ReplayChoice
 from companion.view import display_trajectory as display_of
-from companion.view.state.trajectory import Errors, Sample, with_result
+from companion.view.scene.paths import worst_words
+from companion.view.state.trajectory import Errors, Sample, Worst, with_result, worst_stretch
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight
 
 
@@ -45,20 +46,6 @@ def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
         horizontal, down = replay.attitude_error[i][:2], replay.attitude_error[i][2]
         assert sample.tilt_deg == pytest.approx(np.degrees(np.hypot(*horizontal)))
         assert sample.heading_deg == pytest.approx(np.degrees(down))
-
-
-@given(st.integers(1, 1400))
-def test_the_last_sample_is_what_its_time_gives(count: int) -> None:
-    """The quaternions as rotations: a sign stands for none."""
-    replay = DISPLAY.replay
-    columns = [name for name in Replay.__slots__ if name != "anchors" and np.shape(getattr(replay, name))]
-    cut: dict[str, Any] = {name: getattr(replay, name)[:count] for name in columns}
-    display = display_trajectory(replace(replay, **cut))
-    last, there = display.last, display.at(display.end)
-    for ours, theirs in ((last.q_imu, there.q_imu), (last.q_ref, there.q_ref)):
-        assert abs(float(ours @ theirs)) == pytest.approx(1.0, abs=1e-12)
-    alike = replace(last, q_imu=there.q_imu, q_ref=there.q_ref)
-    assert numbers(alike) == pytest.approx(numbers(there), rel=0, abs=1e-9)
 
 
 def test_the_distance_shown_is_the_distance_drawn(replay: Replay) -> None:
@@ -147,3 +134,30 @@ def test_many_instants_at_once_are_those_instants(replay: Replay) -> None:
     )
     for t, sample in zip(times, display.samples(times), strict=True):
         np.testing.assert_array_equal(numbers(sample), numbers(display.at(float(t))))
+
+
+REPLAY = dead_reckon(make_flight(), ReplayChoice())
+
+
+def test_it_begins_at_the_anchor_before_and_ends_farthest_apart() -> None:
+    apart = np.linalg.norm(REPLAY.position_error, axis=1)
+    found = worst_stretch(REPLAY)
+    assert found is not None
+    assert found.apart_m == pytest.approx(apart.max())
+    assert found.end_s == REPLAY.t[np.argmax(apart)]
+    assert found.start_s in REPLAY.anchors
+    assert not ((REPLAY.anchors > found.start_s) & (REPLAY.anchors < found.end_s)).any()
+
+
+def test_where_the_autopilot_is_not_known_nobody_is_apart() -> None:
+    worst = worst_stretch(REPLAY)
+    assert worst is not None
+    silent = replace(REPLAY, reference_valid=np.abs(REPLAY.t - worst.end_s) > 1.0)
+    other = worst_stretch(silent)
+    assert other is not None
+    assert abs(other.end_s - worst.end_s) > 1.0
+    assert worst_stretch(replace(REPLAY, has_position=False)) is None
+
+
+def test_its_name_has_time_and_distance() -> None:
+    assert worst_words(Worst(BOOT, 26.2, 142.3)) == "26 s: 142 m apart"

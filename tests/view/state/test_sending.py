@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.state.decimation import by_shape, evenly, extremes, windows
+from companion.view.state.sending import by_shape, evenly, extremes, windows
 
 
 @given(st.integers(1, 20_000), st.integers(10, 500), st.data())

@@ -1,17 +1,101 @@
-"""What a live page has shown, for as long as its charts and trails reach back."""
+"""What a live page is given, as plain values, and what it has shown, for as long as charts and trails reach back."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import FreeState, Replay
-from companion.model import Array
+from companion.analysis import DriftRow, FreeState, LiveVerdict, Preflight, Replay
+from companion.model import Array, Flight
 from companion.strapdown import SAME_TIME
+from companion.view.state.choice import ReplayChoice
 from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A vehicle now."""
+
+    flight: Flight  # its last seconds
+    imu: str  # the message that is integrated
+    replay: Replay  # since the anchor before the last; its last row is now
+    free: FreeState | None  # the IMU left alone since an anchor; None just after such a run has ended
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """One message that is requested of the vehicle."""
+
+    name: str
+    requested_hz: float
+    received_hz: float
+    note: str = ""  # "given up", "asking"; "" when it is agreed
+
+
+@dataclass(frozen=True, slots=True)
+class LinkState:
+    """How a link stands. All text is untrusted."""
+
+    link: str
+    problem: str = ""  # why nothing is received at present; "" while frames arrive
+    streams: tuple[StreamState, ...] = ()
+    frames: int = 0
+    lost: Mapping[str, float] = field(default_factory=dict)  # vehicle → share of its frames missing by sequence
+    rejected: int = 0  # frames whose signature is missing or wrong
+    latency_ms: float | None = None  # half of the way there and back
+    clock: str = ""  # what is known of the vehicle's clock, in words
+    recording: str = ""  # file; "" for none
+    recorded_bytes: int = 0
+    recording_problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveStatus:
+    """What is said of a link and its vehicles now. All text is untrusted."""
+
+    link: LinkState
+    verdict: LiveVerdict  # now and so far, on the vehicle that is looked at
+    other_verdicts: Sequence[LiveVerdict] = ()  # on the other vehicles of the link
+    why_not: str = ""  # why the last look saw nothing, or the last free run ended
+    vehicles: Sequence[str] = ()  # those that can be looked at
+    messages: Sequence[str] = ()  # the last sentences for the user, the newest last
+    drift: Sequence[DriftRow] = ()  # since the first message of the vehicle
+    preflight: Preflight | None = None  # the checks before take-off, while the vehicle stands disarmed
+
+
+class Feed(Protocol):
+    """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
+
+    reanchor_s: float  # the dead reckoning restarts from the autopilot so often
+
+    @property
+    def choice(self) -> ReplayChoice:
+        """Which IMU is integrated, and how; a change begins the free run and the drift anew."""
+
+    def choose(self, choice: ReplayChoice) -> None:
+        """Integrate another one, or otherwise."""
+
+    @property
+    def status(self) -> LiveStatus:
+        """How everything stands."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until there is something that `look` has not seen, no longer than so many s."""
+
+    def look(self) -> Seen | None:
+        """The vehicle now."""
+
+    def pick(self, vehicle: str) -> None:
+        """Look at another vehicle from now on."""
+
+    def anchor_now(self) -> None:
+        """Restart both dead reckonings from the autopilot."""
+
 
 _SHAPES = dict.fromkeys(COLUMNS, 3) | {"q_imu": 4, "q_ref": 4, "errors": 4, "free": 4, "free_position": 3}
 _ROW = np.dtype([(name, float, size) for name, size in _SHAPES.items()]

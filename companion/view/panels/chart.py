@@ -14,18 +14,11 @@ from viser import uplot
 
 from companion.model import Array
 from companion.present import Rgb, palette
-from companion.view.state.decimation import Indices, extremes
+from companion.view.state.sending import Indices, extremes
 
 HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
 PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
-STYLE = (  # the line at the current instant is a series: its entry in the legend would be empty
-    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}"
-    # A legend shows lines as they are drawn, and not boxes: see `legend_style`.
-    ".uplot .u-legend .u-marker{width:18px!important;height:0!important;border-width:2px 0 0!important;"
-    "background:none!important;vertical-align:middle}"
-    ".uplot .u-legend .u-value{color:inherit!important}</style>"
-)
 Dash = tuple[float, ...]
 DASHED: Dash = (5.0, 4.0)
 DOTTED: Dash = (2.0, 4.0)

@@ -1,1 +1,0 @@
-"""The charts beside the picture."""
