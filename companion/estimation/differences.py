@@ -163,24 +163,29 @@ def _difference(
     whole = count >= num.DIFF_MIN_READINGS
     if whole.sum() < num.DIFF_MIN_BLOCKS:
         return None
-    spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
+    begin, count = begin[whole], count[whole]
     value, slower, scatter, aliased, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
     for sensor in ("gyro", "accel"):
         read = getattr(slow, sensor)[inside]
         off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
-        value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
-        slower[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
-        scatter[sensor] = np.array([off[first:last].std(axis=0) for first, last in spans])
+        value[sensor], slower[sensor], scatter[sensor] = np.empty((3, len(begin), 3))
+        for many in np.unique(count):  # blocks of as many readings at once
+            mine = np.flatnonzero(count == many)
+            inner = begin[mine, None] + np.arange(many)
+            value[sensor][mine] = _means(off[inner])
+            slower[sensor][mine], scatter[sensor][mine] = read[inner].mean(axis=1), off[inner].std(axis=1)
         aliased[sensor] = healthy.ALIASED * np.median(scatter[sensor], axis=0)
     return Blocks(other.instance, other.source, middle, width, value, slower, scatter, aliased)
 
 
-def _mean(values: Array) -> Array:
-    """(3,) mean of readings (n, 3) without those far off: a median would tell of a step within them the longer side."""
-    middle = np.median(values, axis=0)
-    apart = np.abs(values - middle)
-    usual = apart <= num.DIFF_OUTLIER * np.maximum(np.median(apart, axis=0), 1e-12)
-    return np.asarray((values * usual).sum(axis=0) / usual.sum(axis=0))
+def _means(values: Array) -> Array:
+    """(B, 3) means of B blocks of readings (B, n, 3) without those far off.
+
+    A median would tell of a step within a block the longer side.
+    """
+    apart = np.abs(values - np.median(values, axis=1, keepdims=True))
+    usual = apart <= num.DIFF_OUTLIER * np.maximum(np.median(apart, axis=1, keepdims=True), 1e-12)
+    return np.asarray((values * usual).sum(axis=1) / usual.sum(axis=1))
 
 
 def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
