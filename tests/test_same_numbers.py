@@ -87,7 +87,7 @@ def test_a_process_that_knows_no_other_flight(flight: Document) -> None:
 
 def test_the_terminal(flight: Document, capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--full"]) == 0
-    drift, rest = capsys.readouterr().out.split("Expected drift")
+    drift, rest = capsys.readouterr().out.split("Allowed drift")
     rows = [line.split() for line in drift.splitlines() if re.match(r" *\d+ s ", line)]
     tables = rest.split("Every IMU")[0].split("Windows inside")
     expected, inside = ([c.split() for c in part.splitlines() if re.match(r" *\d+ s ", c)] for part in tables)

@@ -116,7 +116,7 @@ def _everything(examined: Examination) -> Iterator[str | Table]:
         excluded = any(row.excluded for row in drift.rows)
         yield f"No window could be used: {'see above' if excluded else 'the flight is too short'}."
         return
-    yield "\n[bold]Expected drift (1σ)[/]"
+    yield "\n[bold]Allowed drift (1σ)[/]"
     yield tables.rendered(expected_table(assessment))
     yield "\n[bold]Windows inside the 95 % bound[/]"
     yield tables.rendered(agreement_table(assessment))
@@ -188,7 +188,7 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     if expected is None:
         return label, "no window could be used"
     pairs = ((q, getattr(row, q.attribute), getattr(expected, q.attribute)) for q in QUANTITIES)
-    parts = [f"{fixed(s.median)}{q.after} ({fixed(e)} expected)" for q, s, e in pairs if s and e is not None]
+    parts = [f"{fixed(s.median)}{q.after} ({fixed(e)} allowed)" for q, s, e in pairs if s and e is not None]
     return label, f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
 
 

@@ -98,7 +98,7 @@ def _lines(
         way = "window by window" if same else "one set of windows against the other"
         yield f"* larger than the spread between windows: 95 % intervals of the change, {way}"
         yield from _significant(difference)
-        yield "\n[bold]Expected drift (1σ)[/]"
+        yield "\n[bold]Allowed drift (1σ)[/]"
         yield _budget_table(difference)
     yield ""
     yield from _finding_lines(difference)

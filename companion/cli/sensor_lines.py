@@ -110,7 +110,7 @@ def alignment_lines(alignment: Alignment) -> Iterator[str | Table]:
     if not alignment.later:
         yield "The autopilot's attitude is not known after the rest."
         return
-    shown = table("after rest", "tilt °", "expected, 1σ", "heading °", "expected, 1σ")
+    shown = table("after rest", "tilt °", "allowed, 1σ", "heading °", "allowed, 1σ")
     for row in alignment.later:
         errors = (row.tilt_deg, row.expected_tilt_deg, row.heading_deg, row.expected_heading_deg)
         shown.add_row(f"{row.since_s:.1f} s", *map(fixed, errors))

@@ -94,7 +94,7 @@ def drift_table(
 
 def expected_table(assessment: Assessment) -> Table:
     """What the drift should be, 1σ, and what causes most of it."""
-    units = (Column(quantity.unit, "expected, 1σ") for quantity in QUANTITIES)
+    units = (Column(quantity.unit, "allowed, 1σ") for quantity in QUANTITIES)
     rows = [
         (f"{row.horizon_s:g} s", *(getattr(expected, q.attribute) for q in QUANTITIES), dominant(expected))
         for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True)

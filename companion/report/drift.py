@@ -162,7 +162,7 @@ def _curves(drift: Drift, expected: Sequence[Expected | None], attribute: str) -
     ]
     sigma = [(row.horizon_s, getattr(allowed, attribute)) for row, allowed in rows if allowed]
     known = np.array([(h, s) for h, s in sigma if s is not None]).reshape(-1, 2)
-    for factor, name, width in ((1.0, "expected 1σ", 2.0), (3.0, "expected 3σ", 1.0)):
+    for factor, name, width in ((1.0, "allowed 1σ", 2.0), (3.0, "allowed 3σ", 1.0)):
         if sigma:
             curves.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
     return curves

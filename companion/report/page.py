@@ -137,7 +137,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
     ("findings", "Findings", findings),
     ("errors", "Errors over the flight", drift.errors),
     ("drift", "Drift of the IMU alone from the autopilot", drift.drift),
-    ("budget", "Expected drift, and what causes it", drift.budget),
+    ("budget", "Allowed drift, and what causes it", drift.budget),
     ("calibration", "Calibration", sensors.calibration),
     ("imus", "Every IMU side by side", sensors.redundant_imus),
     ("noise", "IMU noise", sensors.noise),

@@ -44,7 +44,7 @@ def test_analyze_prints_the_drift_table(capsys: Captured) -> None:
     assert "RAW_IMU (IMU 0), 10121 samples at 100.0 Hz" in out
     assert "ATTITUDE, LOCAL_POSITION_NED" in out
     assert max(len(line) for line in out.splitlines() if re.match(r" *\d+ s ", line)) <= 80
-    rows = [line.split() for line in out.split("Expected drift")[0].splitlines() if re.match(r" *\d+ s ", line)]
+    rows = [line.split() for line in out.split("Allowed drift")[0].splitlines() if re.match(r" *\d+ s ", line)]
     assert [row[0] for row in rows] == ["1", "2", "5", "10", "30"]
     assert all(len(row) == 12 for row in rows), "after, s, used, and three times median, 95 %, worst"
     assert "Warning" not in out

@@ -23,7 +23,7 @@ def test_two_flights_side_by_side(capsys: Captured, monkeypatch: pytest.MonkeyPa
     assert main(["compare", DEMO, HOVER]) == 0
     out = capsys.readouterr().out
     assert re.match(r"(B is (worse|better): |No significant change)", out), "the answer comes first"
-    table = out.split("Drift: median")[1].split("Expected drift")[0]
+    table = out.split("Drift: median")[1].split("Allowed drift")[0]
     rows = [line.split() for line in table.splitlines() if line.strip().startswith(("1 s", "5 s"))]
     assert rows[0][2:4] == ["101", "99"]
     assert rows[1][4:6] == ["0.165", "0.499"]

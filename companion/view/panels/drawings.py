@@ -221,7 +221,7 @@ DRIFT_QUANTITIES = {
 
 
 def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | None:
-    """Horizons, median, 95 %, expected 1σ and 3σ of a quantity of the drift table; None with fewer than two rows."""
+    """Horizons, median, 95 %, allowed 1σ and 3σ of a quantity of the drift table; None with fewer than two rows."""
     rows: list[tuple[float, ...]] = []
     for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
         measured, sigma = getattr(row, quantity), getattr(expected, quantity, None)
@@ -240,7 +240,7 @@ def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> li
     styles: tuple[LineStyle, ...] = (
         ("median", colour, 2.2, None),
         ("95 %", colour, 1.2, None),
-        ("expected 1σ", palette.CURSOR, 1.4, DASHED),
+        ("allowed 1σ", palette.CURSOR, 1.4, DASHED),
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
     assessment = display.result.assessment

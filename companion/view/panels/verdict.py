@@ -120,7 +120,7 @@ class _FindingCard:
 
 
 def drift_table(drift: Drift, assessment: Assessment, colour: Rgb, horizon_s: float) -> str:
-    """Measured median and 95 %, and expected 1σ, after each horizon; the chosen one stands out."""
+    """Measured median and 95 %, and allowed 1σ, after each horizon; the chosen one stands out."""
     rows = []
     for one, expected in zip(drift.rows, assessment.expected, strict=True):
         chosen = "font-weight:700" if one.horizon_s == horizon_s else ""
