@@ -268,7 +268,7 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     first = own or assess_imu(flight, settings)
     used = flight.imu(first.comparison.track.source)
     by = first
-    if first.best is None or _is_wrong(first):
+    if _is_wrong(first):
         names = [one.source for one in flight.each_imu() if one.instance != used.instance]
         assessed = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
         others = [one for one in assessed if not _is_too_slow(one)]

@@ -77,11 +77,11 @@ class LiveFeed:
 
     @property
     def reanchor_s(self) -> float:
-        return self._watch.reanchor_s
+        return self._watch.replay.reanchor_s
 
     @reanchor_s.setter
     def reanchor_s(self, seconds: float) -> None:
-        self._watch.reanchor_s = seconds
+        self._watch.replay.reanchor_s = seconds
 
     @property
     def why_not(self) -> str:
@@ -89,7 +89,7 @@ class LiveFeed:
 
     @property
     def vehicles(self) -> Sequence[str]:
-        return self._watch.vehicles
+        return self._watch.replay.vehicles
 
     @property
     def link(self) -> LinkState:
@@ -152,7 +152,7 @@ class LiveFeed:
         return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:
-        self._watch.pick(vehicle)
+        self._watch.replay.vehicle = vehicle
 
     def anchor_now(self) -> None:
         self._watch.anchor_now()
