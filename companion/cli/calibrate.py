@@ -7,7 +7,7 @@ import argparse
 from companion.app import files
 from companion.app.correction import correction_text
 from companion.app.examination import assess_imu
-from companion.cli import options, parsers, sensor_lines, tables
+from companion.cli import options, parsers, tables
 from companion.model import DataError
 
 
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if assessment.calibration is None:
         raise DataError(f"no calibration: {assessment.verdict.summary}")
-    calibrated = sensor_lines.calibration_lines(assessment)
+    calibrated = tables.calibration_lines(assessment)
     tables.console().lines(*tables.verdict_lines(assessment.verdict, most=3), "", *calibrated)
     if path is None:
         return 0

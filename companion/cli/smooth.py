@@ -42,7 +42,7 @@ def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
     parsers.add_log(parser)
     parsers.add_flight_choice(parser)
-    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
+    parsers.add_carrier(parser)
     parsers.add_json(parser)
     parsers.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 

@@ -265,7 +265,7 @@ def test_a_page_that_fails_leaves_the_recording_alone(
         wait_for(lambda: size(log) > 20_000)
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr("companion.cli.view_link.LiveViewer", broken)
+    monkeypatch.setattr("companion.view.LiveViewer", broken)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     ending = threading.Thread(target=end)
     with flying(port):
