@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examined_or_not
 from companion.cli import many_logs, options, parsers, tables
 from companion.cli.info import reference_line
-from companion.documents import analysis_document, encode
+from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
 from companion.model import DataError, Flight, counted, words
 
@@ -49,22 +50,25 @@ def run(arguments: argparse.Namespace) -> int:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
     chosen = {**options.chosen(arguments), "anchor": arguments.anchor, "confusion": arguments.confusion}
     examined = examined_or_not(flight, settings, **chosen)
-    console = tables.console()
-    if arguments.json:
-        print(encode(analysis_document(recording.source, examined)))
-    elif isinstance(examined, Unexamined):
-        console.lines(*tables.verdict_lines(examined.verdict))
-    else:
-        console.lines(*(_everything(examined) if arguments.full else first_screen(examined, console.width)))
-        if examined.alignment is not None:
-            console.lines(*tables.alignment_lines(examined.alignment))
-        if arguments.confusion:
-            console.lines(*confusion_lines(examined.assessment.best, console.width))
+    document = partial(analysis_document, recording.source, examined)
+    tables.show(_lines(examined, arguments), json=arguments.json, document=document)
     if isinstance(examined, Unexamined) and not examined.says_something:  # a code that no script takes for an analysis
         log = "-" if recording.source.kept_in else recording.source.path
         options.say(f"companion: nothing was analysed. What the log has: companion info {log}")
         return DataError.exit_code
     return options.exit_code(arguments.fail_on, [examined.verdict.status])
+
+
+def _lines(examined: Examination | Unexamined, arguments: argparse.Namespace) -> Iterator[str | Table]:
+    width = tables.console().width
+    if isinstance(examined, Unexamined):
+        yield from tables.verdict_lines(examined.verdict)
+        return
+    yield from _everything(examined) if arguments.full else first_screen(examined, width)
+    if examined.alignment is not None:
+        yield from tables.alignment_lines(examined.alignment)
+    if arguments.confusion:
+        yield from confusion_lines(examined.assessment.best, width)
 
 
 def _everything(examined: Examination) -> Iterator[str | Table]:

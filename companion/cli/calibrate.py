@@ -13,8 +13,7 @@ from companion.model import DataError
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
     force = "replace FILE when it is there already, and write it when the flight is no good for it"

@@ -11,16 +11,13 @@ from companion.app.examination import assess_imu, unexaminable
 from companion.app.settings import Settings
 from companion.cli import options, parsers
 from companion.documents import encode, incident_document
-from companion.model import Flight, InputError
+from companion.model import Flight
 from companion.present import incident_markdown
-
-_ENDS = (".md", ".html")
 
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser)
     parser.add_argument(
         "--at", type=float, metavar="S", help="seconds of the boot clock (default: what went wrong first and worst)"
     )
@@ -30,9 +27,7 @@ def add_options(parser: parsers.Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the page, or write it."""
-    path = options.output(arguments)
-    if path is not None and path.suffix not in _ENDS:
-        raise InputError(f"cannot write {path}: the name has to end in .md or .html.")
+    path = options.output(arguments, (".md", ".html"))
     settings, recording, flight = options.one_flight(arguments)
     assessment = _assessed(flight, settings)
     shown = incident(flight, assessment, arguments.at)

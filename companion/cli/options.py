@@ -13,7 +13,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -149,12 +149,14 @@ def command_of(option: str, text: str) -> Command:
         raise SettingsError(f"{option} {text} is not a command: {error}.") from None
 
 
-def output(arguments: argparse.Namespace) -> Path | None:
-    """The file that was named to write to. Raises InputError where it cannot be written."""
+def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str = "") -> Path | None:
+    """The file that was named to write to. Raises InputError where it cannot be written, or ends in none of these."""
     if not arguments.output:
         return None
     path = Path(arguments.output)
     files.check(path, force=arguments.force)
+    if endings and path.suffix not in endings:
+        raise InputError(f"cannot write {path}: the name has to end in {' or '.join(endings)}.{more}")
     return path
 
 

@@ -86,6 +86,12 @@ def add_flight_choice(parser: Parser) -> None:
     add_core(parser)
 
 
+def add_flight(parser: Parser, *, takes_link: bool = False) -> None:
+    """A flight of a log; takes_link: or a link."""
+    add_log(parser, takes_link=takes_link)
+    add_flight_choice(parser)
+
+
 def add_core(parser: Parser) -> None:
     """Which of the estimates in an on-board log."""
     parser.add_argument(

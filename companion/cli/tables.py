@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 
 import numpy as np
 import rich.console
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from companion import present
 from companion.analysis import PARTS, Alignment, Assessment, Calibration, Drift, Verdict, left_out
+from companion.documents import Document, encode
 from companion.model import Array, counted
 
 _STATUS = {
@@ -43,6 +44,14 @@ class Console(rich.console.Console):
 def console() -> Console:
     """For results: no emoji codes in names like 1:100:, no folding of long lines."""
     return Console(soft_wrap=True, emoji=False)
+
+
+def show(lines: Iterable[str | Table], *, json: bool, document: Callable[[], Document]) -> None:
+    """The results as lines, or the document as JSON; only that which is shown is made."""
+    if json:
+        print(encode(document()))
+    else:
+        console().lines(*lines)
 
 
 def verdict_lines(verdict: Verdict, *, most: int = present.MOST_LINES) -> Iterator[str]:

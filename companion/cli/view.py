@@ -29,8 +29,7 @@ _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, takes_link=True)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser, takes_link=True)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
