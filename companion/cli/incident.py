@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.analysis import Assessment, incident
+from companion.analysis import incident
 from companion.app import files
 from companion.app.examination import assess_imu, unexaminable
-from companion.app.settings import Settings
 from companion.cli import options, parsers
 from companion.documents import encode, incident_document
-from companion.model import Flight
 from companion.present import incident_markdown
 
 
@@ -29,7 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the page, or write it."""
     path = options.output(arguments, (".md", ".html"))
     settings, recording, flight = options.one_flight(arguments)
-    assessment = _assessed(flight, settings)
+    # without IMU or attitude a log has the rest alone
+    assessment = None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)
     shown = incident(flight, assessment, arguments.at)
     verdict = "" if assessment is None else assessment.verdict.summary
     name = Path(arguments.log).name
@@ -48,8 +47,3 @@ def run(arguments: argparse.Namespace) -> int:
     files.write(path, page)
     options.say(f"written: {path}")
     return 0
-
-
-def _assessed(flight: Flight, settings: Settings) -> Assessment | None:
-    """What sensors and estimator were like; None for a log without IMU or attitude, which has the rest alone."""
-    return None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)

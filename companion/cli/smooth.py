@@ -54,7 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     how = integration_of(settings, flight)
     best = smooth(flight, arguments.imu, gravity=how.gravity)
     errors = autopilot_error(flight, best, how.limits)
-    believed = _believed(flight, best)
+    # the biases of the same IMU by the autopilot's estimator
+    believed = next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
     document = partial(estimate_document, recording.source, flight, best, errors, believed)
     lines = _lines(flight, best, errors, believed, how.limits)
     tables.show(lines, json=arguments.json, document=document)
@@ -63,11 +64,6 @@ def run(arguments: argparse.Namespace) -> int:
             write_estimate_tum(part, flight, best)
         options.say(f"written: {path} ({best.imu.source})")
     return 0
-
-
-def _believed(flight: Flight, best: BestEstimate) -> BiasTrack | None:
-    """The biases of the same IMU by the autopilot's estimator."""
-    return next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
 
 
 def _lines(

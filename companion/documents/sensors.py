@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.analysis import Ageing, AutopilotError, AxisNoise, ImuNoise, Lanes, LaneSpan, Preflight
+from companion.analysis import Ageing, AutopilotError, AxisNoise, ImuNoise, Lanes, Preflight
 from companion.app.recording import Source
 from companion.documents.document import Document, document, flight_head, of
 from companion.estimation import (
@@ -200,11 +200,7 @@ def lanes_document(source: Source, flight: Flight, best: BestEstimate, lanes: La
             }
             for one in lanes.switches
         ],
-        "spans": [_span(one) for one in lanes.spans],
+        "spans": [of(one, "what", "start_s", "end_s", "flown", "right", "readers", "lanes") for one in lanes.spans],
         "notes": lanes.notes,
     }
     return document(source, [judged])
-
-
-def _span(span: LaneSpan) -> Document:
-    return {**of(span, "what", "start_s", "end_s", "flown", "right", "readers"), "lanes": span.lanes}

@@ -133,7 +133,7 @@ class LiveReplay:
         how = self.how(flight) if callable(self.how) else self.how
         start = self._anchor
         if start is None or start < flight.start + flight.duration - self._span:
-            start = _nearly_now(flight)
+            start = float(flight.attitude.t[-1]) - 1.0 if flight.attitude is not None else None  # nearly now
         try:
             both = replay(flight, imu=imu, how=how, reanchor_s=self._reanchor_s, start_s=start)
         except DataError as reason:
@@ -173,11 +173,6 @@ class LiveReplay:
         elif self._doubted is None:
             self._doubted = now
         return self._chosen
-
-
-def _nearly_now(flight: Flight) -> float | None:
-    """Where to begin when no anchor is in force, s: a second before the newest attitude."""
-    return float(flight.attitude.t[-1]) - 1.0 if flight.attitude is not None else None
 
 
 _DRIFT_S = 5.0  # between two looks for complete windows
