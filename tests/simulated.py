@@ -34,9 +34,9 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def flying(port: int, *, since: float = 0.0, **changes: Any) -> Iterator[SimulatedVehicle]:
+def flying(port: int, *, since: float = 0.0, motion: str = "circle", **changes: Any) -> Iterator[SimulatedVehicle]:
     """A simulated vehicle that sends to a UDP port of this computer; it flew for `since` s before."""
-    vehicle = SimulatedVehicle(_flown(changes.get("faults", Faults())), **changes)
+    vehicle = SimulatedVehicle(_flown(changes.get("faults", Faults()), motion), **changes)
     end = open_port(parse_address(f"udpout:127.0.0.1:{port}"))
     vehicle.advance(since)
     over = threading.Event()
@@ -69,6 +69,6 @@ def bursts(vehicle: SimulatedVehicle, until_s: float, each_s: float = 0.1) -> It
 
 
 @functools.lru_cache(maxsize=2)
-def _flown(faults: Faults) -> Flown:
+def _flown(faults: Faults, motion: str) -> Flown:
     """Longer than any test takes, on a busy machine too."""
-    return fly(3 * LIMIT_S, faults=faults)
+    return fly(3 * LIMIT_S, motion=motion, faults=faults)

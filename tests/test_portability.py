@@ -19,8 +19,8 @@ STUBS = Path(mypy.__file__).parent / "typeshed" / "stdlib"
 """They say of every name of the standard library on which system it is there."""
 
 GUARDED = {
-    ("fleet/limits.py", "resource"): "imported in a try: without it there is no limit",
-    ("fleet/limits.py", "resource.*"): "the same",
+    ("fleet/task.py", "resource"): "imported in a try: without it there is no limit",
+    ("fleet/task.py", "resource.*"): "the same",
     ("logs/logfile.py", "mmap.MADV_DONTNEED"): "after hasattr(madvise)",
 }
 """Module and name that Windows lacks → how it is guarded."""

@@ -16,11 +16,6 @@ _FORMAT = 2
 """1, which files without `format` have, turned the mounting the other way."""
 
 
-def _bounded(most: float) -> msgspec.Meta:
-    """Infinity and NaN are out of every bound."""
-    return msgspec.Meta(ge=-most, le=most)
-
-
 _LIMITS = {
     "gyro_bias": (10.0, "rad/s"), "accel_bias": (100.0, "m/s²"), "mounting": (1.0, "rad"), "time_offset": (1.0, "s"),
     "gyro_scale": (0.5, "1"), "accel_scale": (0.5, "1"), "gyro_misalignment": (1.0, "rad; xy, xz, yx, yz, zx, zy"),
@@ -33,7 +28,8 @@ _REQUIRED = ("gyro_bias", "accel_bias", "mounting", "time_offset")
 def _key(part: str) -> tuple[str, Any, Any]:
     """Name, type and default of the key of a part."""
     count = PARTS[part].stop - PARTS[part].start
-    number = Annotated[float, _bounded(_LIMITS[part][0])]
+    most, _ = _LIMITS[part]
+    number = Annotated[float, msgspec.Meta(ge=-most, le=most)]  # infinity and NaN are out of every bound
     kind = number if part == "time_offset" else tuple[(number,) * count]  # type: ignore[misc]
     return part, kind, msgspec.NODEFAULT if part in _REQUIRED else (0.0,) * count
 

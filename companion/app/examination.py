@@ -268,10 +268,10 @@ def lanes_of(flight: Flight, settings: Settings, own: Assessment | None = None) 
     first = own or assess_imu(flight, settings)
     used = flight.imu(first.comparison.track.source)
     by = first
-    if first.best is None or _is_wrong(first):
+    if first.best is None or used.instance in _accused(first):
         names = [one.source for one in flight.each_imu() if one.instance != used.instance]
         assessed = [one for name in names if (one := _assessed(flight, settings, name)) is not None]
-        others = [one for one in assessed if not _is_too_slow(one)]
+        others = [one for one in assessed if not any(f.kind == "rate_too_low" for f in one.verdict.findings)]
         every = [first, *others]
         votes = Counter(number for one in every for number in _accused(one))
         by = max((one for one in every if one.best is not None), key=lambda one: _worth(one, votes), default=first)
@@ -296,16 +296,6 @@ def _worth(one: Assessment, votes: Counter[int]) -> tuple[int, float]:
     """How good an IMU is to carry the estimate: the fewer of all estimates accuse it the better."""
     assert one.best is not None
     return -votes[one.comparison.track.instance], known_share(one.best)
-
-
-def _is_wrong(one: Assessment) -> bool:
-    """Whether the IMU that was assessed is at fault itself."""
-    return one.best is None or one.comparison.track.instance in _accused(one)
-
-
-def _is_too_slow(one: Assessment) -> bool:
-    """Whether the IMU that was assessed gives too few samples to be integrated."""
-    return any(f.kind == "rate_too_low" for f in one.verdict.findings)
 
 
 def _accused(one: Assessment) -> set[int]:

@@ -173,16 +173,8 @@ def usable_samples(flight: Flight) -> int:
 
 
 def _source(log: Log | DataflashLog | Ulog, **more: Any) -> Source:
-    return Source(
-        path=log.path,
-        format=log.kind,
-        size_bytes=log.size_bytes,
-        frames=log.frames,
-        content_bytes=log.content_bytes,
-        trouble=log.trouble,
-        skipped_bytes=log.skipped_bytes,
-        **more,
-    )
+    names = ("path", "size_bytes", "frames", "content_bytes", "trouble", "skipped_bytes")
+    return Source(format=log.kind, **{name: getattr(log, name) for name in names}, **more)
 
 
 def _senders(log: Log) -> dict[str, dict[str, int]]:

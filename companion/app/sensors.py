@@ -172,15 +172,8 @@ def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
 
 
 def _sensor(sensor: _Sensor) -> SensorSpec:
-    return SensorSpec(
-        noise_density=sensor.noise_density.si,
-        bias_walk=sensor.bias_walk.si,
-        residual_bias=sensor.residual_bias.si,
-        offset=sensor.offset.si,
-        scale=_CALIBRATED_SCALE * sensor.scale.si,
-        full_scale=sensor.full_scale.si,
-        scale_tolerance=sensor.scale.si,
-    )
+    si = {name: getattr(sensor, name).si for name in sensor.__struct_fields__}
+    return SensorSpec(**si | {"scale": _CALIBRATED_SCALE * si["scale"]}, scale_tolerance=si["scale"])
 
 
 def preflight_of(flight: Flight) -> Preflight:

@@ -7,37 +7,21 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from companion import present
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examined_or_not
-from companion.cli import many_logs, options, parsers, sensor_lines, tables
+from companion.cli import many_logs, options, parsers, tables
 from companion.cli.info import reference_line
-from companion.cli.tables import SIGNS, status_text, table, wrapped
-from companion.documents import analysis_document, encode
+from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
-from companion.model import DataError, Flight, counted
-from companion.present import (
-    QUANTITIES,
-    agreement_table,
-    clause,
-    drift_table,
-    expected_table,
-    fixed,
-    flight_words,
-    method_words,
-    percent,
-    ranked,
-    redundant_imus_table,
-    shown_unit,
-    vehicle_words,
-    with_unit,
-    words,
-)
+from companion.model import DataError, Flight, counted, words
 
 
 def add_options(parser: parsers.Parser) -> None:
@@ -52,11 +36,8 @@ def add_options(parser: parsers.Parser) -> None:
         help="the smallest size at which each fault is distinguished from the others (takes some 10 s more)",
     )
     parsers.add_json(parser)
-    parser.add_argument(
-        "--fail-on",
-        choices=("suspect", "insufficient"),
-        help="exit with 1 when the IMU or the autopilot is suspect (insufficient: also without a verdict)",
-    )
+    fails = "exit with 1 when the IMU or the autopilot is suspect (insufficient: also without a verdict)"
+    parsers.add_fail_on(parser, fails)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -69,22 +50,25 @@ def run(arguments: argparse.Namespace) -> int:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
     chosen = {**options.chosen(arguments), "anchor": arguments.anchor, "confusion": arguments.confusion}
     examined = examined_or_not(flight, settings, **chosen)
-    console = tables.console()
-    if arguments.json:
-        print(encode(analysis_document(recording.source, examined)))
-    elif isinstance(examined, Unexamined):
-        console.lines(*tables.verdict_lines(examined.verdict))
-    else:
-        console.lines(*(_everything(examined) if arguments.full else first_screen(examined, console.width)))
-        if examined.alignment is not None:
-            console.lines(*sensor_lines.alignment_lines(examined.alignment))
-        if arguments.confusion:
-            console.lines(*confusion_lines(examined.assessment.best, console.width))
+    document = partial(analysis_document, recording.source, examined)
+    tables.show(_lines(examined, arguments), json=arguments.json, document=document)
     if isinstance(examined, Unexamined) and not examined.says_something:  # a code that no script takes for an analysis
         log = "-" if recording.source.kept_in else recording.source.path
         options.say(f"companion: nothing was analysed. What the log has: companion info {log}")
         return DataError.exit_code
     return options.exit_code(arguments.fail_on, [examined.verdict.status])
+
+
+def _lines(examined: Examination | Unexamined, arguments: argparse.Namespace) -> Iterator[str | Table]:
+    width = tables.console().width
+    if isinstance(examined, Unexamined):
+        yield from tables.verdict_lines(examined.verdict)
+        return
+    yield from _everything(examined) if arguments.full else first_screen(examined, width)
+    if examined.alignment is not None:
+        yield from tables.alignment_lines(examined.alignment)
+    if arguments.confusion:
+        yield from confusion_lines(examined.assessment.best, width)
 
 
 def _everything(examined: Examination) -> Iterator[str | Table]:
@@ -99,36 +83,36 @@ def _everything(examined: Examination) -> Iterator[str | Table]:
         + (f", {counted(gaps, 'gap')}" if gaps else "")
     )
     yield f"IMU noise model: {assessment.imu_spec.name} ({escape(assessment.imu_spec.reason)})"
-    yield from sensor_lines.noise_lines(assessment)
-    yield sensor_lines.autopilot_line(assessment)
+    yield from tables.noise_lines(assessment)
+    yield tables.autopilot_line(assessment)
     yield f"Reference: {reference_line(flight)}"
     how = assessment.comparison.how
-    yield f"Method:    {method_words(drift.method, drift.middle)}, gravity {how.gravity:.5f} m/s²"
+    yield f"Method:    {present.method_words(drift.method, drift.middle)}, gravity {how.gravity:.5f} m/s²"
     if examined.correction:
         yield f"Corrected: by {escape(examined.correction)}"
     yield from (f"Note:      {escape(note)}" for note in (*flight.notes, *drift.notes))
     if warning := rate_warning(flight, track.rate_hz):
         yield f"[yellow]Warning:   {warning}[/]"
     yield "\n[bold]Drift of the IMU alone from the autopilot[/]"
-    yield tables.rendered(drift_table(drift))
+    yield tables.rendered(present.drift_table(drift))
     yield from tables.left_out_lines(drift)
     if not any(row.windows for row in drift.rows):
         excluded = any(row.excluded for row in drift.rows)
         yield f"No window could be used: {'see above' if excluded else 'the flight is too short'}."
         return
     yield "\n[bold]Allowed drift (1σ)[/]"
-    yield tables.rendered(expected_table(assessment))
+    yield tables.rendered(present.expected_table(assessment))
     yield "\n[bold]Windows inside the 95 % bound[/]"
-    yield tables.rendered(agreement_table(assessment))
+    yield tables.rendered(present.agreement_table(assessment))
     if len(examined.redundant_imus) > 1:
         yield "\n[bold]Every IMU after 5 s[/]"
-        yield tables.rendered(redundant_imus_table(examined.redundant_imus))
+        yield tables.rendered(present.redundant_imus_table(examined.redundant_imus))
     yield ""
-    yield from sensor_lines.calibration_lines(assessment)
+    yield from tables.calibration_lines(assessment)
 
 
 def _vehicle(flight: Flight) -> str:
-    return f"{vehicle_words(flight.vehicle)}, {flight.duration:.1f} s"
+    return f"{present.vehicle_words(flight.vehicle)}, {flight.duration:.1f} s"
 
 
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
@@ -146,10 +130,10 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     width = min(width, _WIDEST)
     flight, track = examined.flight, examined.flight.imu(assessment.drift.imu)
     status = words(assessment.verdict.status).upper()
-    head = wrapped(f"{status}  {clause(assessment.verdict.summary)}", width, 2)
-    head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
+    head = tables.wrapped(f"{status}  {present.clause(assessment.verdict.summary)}", width, 2)
+    head[0] = head[0].replace(escape(status), tables.status_text(assessment.verdict.status), 1)
     used = f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz"
-    head += wrapped(f"Vehicle {flight.vehicle}, boot {flight.boot}: {_vehicle(flight)}; {used}", width, 2)
+    head += tables.wrapped(f"Vehicle {flight.vehicle}, boot {flight.boot}: {_vehicle(flight)}; {used}", width, 2)
     rows = [*_rows(assessment, rate_warning(flight, track.rate_hz) or "")]
     tail = [line for label, text in rows for line in _labelled(label, text, width)]
     room = max(_MOST_LINES, _MOST_LINES * _COLUMNS // width) - len(head) - len(tail) - 4
@@ -164,7 +148,7 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
         yield "Warning", warning
     flights = assessment.verdict.flights
     for i, flight in enumerate(flights[:_FLIGHTS], 1):
-        yield f"Flight {i}", flight_words(flight)
+        yield f"Flight {i}", present.flight_words(flight)
     if len(flights) > _FLIGHTS:
         yield "", f"and {counted(len(flights) - _FLIGHTS, 'flight')} more: --full"
     yield _drift(assessment)
@@ -183,26 +167,28 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     """Measured against expected at one horizon: label, words."""
     rows = assessment.drift.rows
     i = min(range(len(rows)), key=lambda i: (not rows[i].windows, abs(rows[i].horizon_s - _SHOWN_S)))
-    row, expected = rows[i], assessment.expected[i]
+    row, sigma = rows[i], assessment.expected[i]
     label = f"After {row.horizon_s:g} s"
-    if expected is None:
+    if sigma is None:
         return label, "no window could be used"
-    pairs = ((q, getattr(row, q.attribute), getattr(expected, q.attribute)) for q in QUANTITIES)
-    parts = [f"{fixed(s.median)}{q.after} ({fixed(e)} allowed)" for q, s, e in pairs if s and e is not None]
+    pairs = ((q, getattr(row, q.attribute), getattr(sigma, q.attribute)) for q in present.QUANTITIES)
+    parts = [
+        f"{present.fixed(s.median)}{q.after} ({present.fixed(e)} allowed)" for q, s, e in pairs if s and e is not None
+    ]
     return label, f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
 
 
 def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
     lines: list[str] = []
-    groups, _ = ranked(findings)
+    groups, _ = present.ranked(findings)
     left = len(findings)
     for group in groups:
         when = f"{group.when}: " if group.when else ""
-        own = wrapped(f"{when}{group}", width - 4, 0)
+        own = tables.wrapped(f"{when}{group}", width - 4, 0)
         if len(lines) + len(own) > room - (len(group.findings) < left):
             break
         left -= len(group.findings)
-        lines.append(f"  {SIGNS[group.findings[0].severity]} {own[0]}")
+        lines.append(f"  {tables.SIGNS[group.findings[0].severity]} {own[0]}")
         lines += [f"    {line}" for line in own[1:]]
     if left:
         lines.append(f"  and {left} more: --full" if lines else f"  {counted(left, 'finding')}: --full")
@@ -210,7 +196,7 @@ def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
 
 
 def _labelled(label: str, text: str, width: int) -> list[str]:
-    lines = wrapped(text, width - _LABEL, 0)
+    lines = tables.wrapped(text, width - _LABEL, 0)
     return [f"[bold]{label:<{_LABEL}}[/]{lines[0]}", *(" " * _LABEL + line for line in lines[1:])]
 
 
@@ -234,7 +220,7 @@ def confusion_lines(best: BestEstimate | None, width: int) -> Iterator[str | Tab
 
 def _sizes(matrix: ConfusionMatrix, level: float) -> Table:
     """level: of the horizontal Earth field, µT."""
-    shown = table("fault", "detectable", "identifiable", "tilt", "heading", "velocity", "position", left=1)
+    shown = tables.table("fault", "detectable", "identifiable", "tilt", "heading", "velocity", "position", left=1)
     for row in matrix.rows:
         shown.add_row(
             _fault(row),
@@ -251,16 +237,16 @@ def _sizes(matrix: ConfusionMatrix, level: float) -> Table:
 def _called(matrix: ConfusionMatrix) -> Table:
     seen = {name for row in matrix.rows for name in row.called}
     names = [name for name in (*(kind.name for kind in HYPOTHESES), *_NO_FAULT) if name in seen]
-    shown = table("fault", left=1)
+    shown = tables.table("fault", left=1)
     for name in names:
         shown.add_column(words(name), justify="right")
     for row in matrix.rows:
-        shown.add_row(_fault(row), *(percent(row.called[name]) if name in row.called else "" for name in names))
+        shown.add_row(_fault(row), *(present.percent(row.called[name]) if name in row.called else "" for name in names))
     return shown
 
 
 def _notes(matrix: ConfusionMatrix, width: int) -> Iterator[str]:
-    yield from wrapped(
+    yield from tables.wrapped(
         f"{matrix.draws} data sets a fault, drawn in the middle of the flight with the noise that was learned from it. "
         "Identifiable: the sensor at fault is accused in 95 % of them. Perhaps harmless: one sensor is known to be "
         "off, but not whether by enough to be a fault.",
@@ -268,7 +254,9 @@ def _notes(matrix: ConfusionMatrix, width: int) -> Iterator[str]:
         0,
     )
     if matrix.not_shown:
-        yield from wrapped(f"Not detectable at any likely size: {', '.join(map(words, matrix.not_shown))}.", width, 0)
+        yield from tables.wrapped(
+            f"Not detectable at any likely size: {', '.join(map(words, matrix.not_shown))}.", width, 0
+        )
 
 
 def _fault(row: Identifiability) -> str:
@@ -280,8 +268,8 @@ def _size(name: str, value: float, level: float) -> str:
     unit = hypothesis_of(name).unit
     if name == "compass_field":
         unit, value = "rad", float(np.arctan(value / max(level, 1e-9)))
-    shown, factor = shown_unit(unit)
-    return with_unit(_digits(value * factor), shown)
+    shown, factor = present.shown_unit(unit)
+    return present.with_unit(_digits(value * factor), shown)
 
 
 def _digits(value: float) -> str:

@@ -7,14 +7,13 @@ import argparse
 from companion.app import files
 from companion.app.correction import correction_text
 from companion.app.examination import assess_imu
-from companion.cli import options, parsers, sensor_lines, tables
+from companion.cli import options, parsers, tables
 from companion.model import DataError
 
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser)
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
     force = "replace FILE when it is there already, and write it when the flight is no good for it"
@@ -28,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if assessment.calibration is None:
         raise DataError(f"no calibration: {assessment.verdict.summary}")
-    calibrated = sensor_lines.calibration_lines(assessment)
+    calibrated = tables.calibration_lines(assessment)
     tables.console().lines(*tables.verdict_lines(assessment.verdict, most=3), "", *calibrated)
     if path is None:
         return 0

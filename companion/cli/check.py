@@ -25,7 +25,6 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, parsers, tables
 from companion.documents import SCHEMA
-from companion.fleet import find_logs, short_names
 from companion.model import CompanionError, DataError, InputError, counted
 from companion.present import QUANTITIES, span
 
@@ -189,12 +188,8 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_integration(parser)
     parsers.add_imu_model(parser)
     parsers.add_core(parser)
-    parser.add_argument(
-        "--fail-on",
-        choices=("suspect", "insufficient"),
-        default="suspect",
-        help="which verdict fails (default: suspect; insufficient: also a flight without a verdict)",
-    )
+    fails = "which verdict fails (default: suspect; insufficient: also a flight without a verdict)"
+    parsers.add_fail_on(parser, fails, default="suspect")
     parser.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")
     parser.add_argument("--baseline", metavar="FILE", help="fail where drift or a detectable fault is worse than there")
     parser.add_argument(
@@ -211,19 +206,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Examine every flight, print a line for each and write the files. Exit code: 0, 1 (failed), 2 (not read)."""
     settings = options.settings_of(arguments)
     baseline = read_baseline(arguments.baseline) if arguments.baseline else None
-    for name in (arguments.junit, arguments.write_baseline):
-        if name:
-            files.check(Path(name), force=True)
+    for written in (arguments.junit, arguments.write_baseline):
+        if written:
+            files.check(Path(written), force=True)
     console, suites, flown = tables.console(), list[Suite](), list[BaselineFlight]()
-    paths = [one.path for one in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
-    names = short_names(paths)
-    for path in paths:
+    for path, name in options.logs_named(arguments, settings).items():
         began, cases = time.monotonic(), list[Case]()
-        for case in _cases(path, names[path], settings, arguments, baseline, flown):
+        for case in _cases(path, name, settings, arguments, baseline, flown):
             cases.append(case)
             if case.text:
-                console.lines(f"{_SIGNS[case.outcome]}  {escape(f'{names[path]}, {case.name}: {case.text}')}")
-        suites.append(Suite(names[path], time.monotonic() - began, cases))
+                console.lines(f"{_SIGNS[case.outcome]}  {escape(f'{name}, {case.name}: {case.text}')}")
+        suites.append(Suite(name, time.monotonic() - began, cases))
     if arguments.junit:
         files.write(Path(arguments.junit), junit_xml("companion", suites))
     if arguments.write_baseline:

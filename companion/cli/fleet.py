@@ -30,16 +30,10 @@ from companion.fleet import (
     Row,
     Rows,
     Search,
-    by_concern,
-    count_by_status,
-    count_findings,
-    errors,
     find_logs,
     key_of,
-    reasons,
     run_fleet,
     short_names,
-    worst_ratios,
 )
 from companion.model import counted
 from companion.present import words
@@ -55,7 +49,8 @@ def add_options(parser: parsers.Parser) -> None:
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
     )
     cluster = parser.add_mutually_exclusive_group()
-    cluster.add_argument("--workers", type=_count, metavar="N", help="processes to start (default: one per processor)")
+    count = parsers.whole(1, 1024, "a number of processes from 1 to 1024")
+    cluster.add_argument("--workers", type=count, metavar="N", help="processes to start (default: one per processor)")
     cluster.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, as tcp://HOST:8786")
     parser.add_argument("--reports", action="store_true", help="write the report of every flight, linked from the page")
     parser.add_argument("--retry", action="store_true", help="retry logs that ended in an error")
@@ -130,12 +125,12 @@ def _print(fleet: Fleet, seconds: float) -> None:
     console.lines(f"{counted(fleet.logs, 'log')}: {done}")
     counts = ", ".join(
         counted(count, status) if status == "error" else f"{count} {words(status)}"
-        for status, count in count_by_status(rows).items()
+        for status, count in rows.count_by_status().items()
     )
     console.lines(*tables.wrapped(f"{counted(len(rows.flights), 'row')}: {counts}", console.width, 2))
     names = short_names([row["log"] for row in rows.flights])
-    ratios = worst_ratios(rows)
-    if flights := by_concern(rows)[:_MOST]:
+    ratios = rows.worst_ratios()
+    if flights := rows.by_concern()[:_MOST]:
         console.print("\n[bold]Look at these first[/]")
         shown = tables.folded_table("\nflight", "\nverdict", "worst ÷\nexpected", "\nbecause", numbers=(2,))
         shown.columns[0].min_width, shown.columns[0].max_width = _NAME_WIDTHS
@@ -144,16 +139,16 @@ def _print(fleet: Fleet, seconds: float) -> None:
                 escape(f"{names[row['log']]}{_which(row, rows)}"),
                 words(row["status"]),
                 "-" if key_of(row) not in ratios else f"{ratios[key_of(row)]:.1f}",
-                escape(_first(reasons(rows, row))),
+                escape(_first(rows.reasons(row))),
             )
         console.print(shown)
-    if kinds := count_findings(rows):
+    if kinds := rows.count_findings():
         console.print("\n[bold]Findings[/]")
         shown = tables.folded_table("finding", "severity", "times", "flights", numbers=(2, 3))
         for kind, severity, times, flights_of in kinds[:_MOST]:
             shown.add_row(escape(words(kind)), severity, str(times), str(flights_of))
         console.print(shown)
-    if failed := errors(rows):
+    if failed := rows.errors():
         listed = (f"  {escape(names[row['log']])}: {escape(_line(row['error']))}" for row in failed[:_MOST])
         console.lines("\n[bold]Errors[/]", *listed)
         if len(failed) > _MOST:
@@ -196,9 +191,3 @@ def _positive(text: str) -> float:
     if not 0 < value <= 1e6:
         raise argparse.ArgumentTypeError(f"must be a positive number, got {text!r}")
     return value
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"must be a number of processes from 1 to 1024, got {text!r}")
-    return int(text)

@@ -5,22 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.analysis import Assessment, incident
+from companion.analysis import incident
 from companion.app import files
 from companion.app.examination import assess_imu, unexaminable
-from companion.app.settings import Settings
 from companion.cli import options, parsers
 from companion.documents import encode, incident_document
-from companion.model import Flight, InputError
 from companion.present import incident_markdown
-
-_ENDS = (".md", ".html")
 
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser)
     parser.add_argument(
         "--at", type=float, metavar="S", help="seconds of the boot clock (default: what went wrong first and worst)"
     )
@@ -30,11 +25,10 @@ def add_options(parser: parsers.Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the page, or write it."""
-    path = options.output(arguments)
-    if path is not None and path.suffix not in _ENDS:
-        raise InputError(f"cannot write {path}: the name has to end in .md or .html.")
+    path = options.output(arguments, (".md", ".html"))
     settings, recording, flight = options.one_flight(arguments)
-    assessment = _assessed(flight, settings)
+    # without IMU or attitude a log has the rest alone
+    assessment = None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)
     shown = incident(flight, assessment, arguments.at)
     verdict = "" if assessment is None else assessment.verdict.summary
     name = Path(arguments.log).name
@@ -53,8 +47,3 @@ def run(arguments: argparse.Namespace) -> int:
     files.write(path, page)
     options.say(f"written: {path}")
     return 0
-
-
-def _assessed(flight: Flight, settings: Settings) -> Assessment | None:
-    """What sensors and estimator were like; None for a log without IMU or attitude, which has the rest alone."""
-    return None if unexaminable(flight, settings) is not None else assess_imu(flight, settings)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from functools import partial
 
 from rich.table import Table
 
 from companion.analysis import Lanes
 from companion.app.examination import assess_imu, lanes_of
 from companion.cli import options, parsers, tables
-from companion.documents import encode, lanes_document
+from companion.documents import lanes_document
 from companion.estimation import BestEstimate
 from companion.present import capitalised, lane_lines, lane_table, words
 
@@ -19,9 +20,8 @@ _WIDTH = 100
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
-    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
+    parsers.add_flight(parser)
+    parsers.add_carrier(parser)
     parsers.add_json(parser)
 
 
@@ -30,10 +30,8 @@ def run(arguments: argparse.Namespace) -> int:
     settings, recording, flight = options.one_flight(arguments)
     own = assess_imu(flight, settings, imu=arguments.imu)
     lanes, best = lanes_of(flight, settings, own)
-    if arguments.json:
-        print(encode(lanes_document(recording.source, flight, best, lanes)))
-    else:
-        tables.console().lines(*_lines(lanes, best))
+    document = partial(lanes_document, recording.source, flight, best, lanes)
+    tables.show(_lines(lanes, best), json=arguments.json, document=document)
     return 0
 
 

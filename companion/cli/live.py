@@ -12,8 +12,7 @@ import signal
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
@@ -44,10 +43,14 @@ def add_link(parser: argparse.ArgumentParser) -> None:
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )
     add_request_options(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help=OUTPUT)
+    add_recording(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
 
 
-OUTPUT = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
+def add_recording(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Where to record into."""
+    output = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
+    parser.add_argument("-o", "--output", metavar="FILE", help=output)
 
 
 def add_request_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
@@ -75,32 +78,42 @@ def refuse_link_options(arguments: argparse.Namespace, *more: str) -> None:
         raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
 
 
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How long nothing may be received: `until` s of `time.monotonic()`, infinite without a limit."""
+@contextlib.contextmanager
+def session_on(
+    address: str, arguments: argparse.Namespace, settings: Settings
+) -> Iterator[tuple[Session, Callable[[], bool]]]:
+    """A session on a link that is recorded (--no-record: not), and whether to end it, as a function.
 
-    seconds: float
-    until: float
+    That is after Ctrl-C, SIGTERM or --duration, and where nothing was received in the time of --wait.
+    Raises SettingsError for options out of range, InputError for a link or a recording that cannot be opened.
+    """
+    duration = getattr(arguments, "duration", None)
+    if duration is not None and not duration > 0:
+        raise SettingsError(f"--duration is a positive number of seconds, got {duration:g}.")
+    choice, patience = choice_of(arguments, settings), math.inf if arguments.wait is None else arguments.wait
+    if not patience > 0:
+        raise SettingsError(f"--wait is a positive number of seconds, or inf, got {patience:g}.")
+    until = time.monotonic() + patience
+    with (
+        until_signal() as ended,
+        _open_link(address, arguments, settings, until, ended) as link,
+        contextlib.nullcontext() if getattr(arguments, "no_record", False) else Recorder(arguments.output) as recorder,
+    ):
+        end = math.inf if duration is None else time.monotonic() + duration
 
-    def over(self, frames: int) -> bool:
-        """Whether nothing was received in that time. frames: that have been received."""
-        return not frames and time.monotonic() > self.until
+        def over() -> bool:
+            now = time.monotonic()
+            return ended() or now >= end or (not link.health.frames and now > until)
+
+        yield Session(link, choice=choice, recorder=recorder, remember=True), over
 
 
-def patience_of(arguments: argparse.Namespace) -> Patience:
-    """What --wait says, from now on."""
-    seconds = math.inf if arguments.wait is None else arguments.wait
-    if not seconds > 0:
-        raise SettingsError(f"--wait is a positive number of seconds, or inf, got {seconds:g}.")
-    return Patience(seconds, time.monotonic() + seconds)
-
-
-def open_link(
-    address: str, arguments: argparse.Namespace, settings: Settings, patience: Patience, ended: Callable[[], bool]
+def _open_link(
+    address: str, arguments: argparse.Namespace, settings: Settings, until: float, ended: Callable[[], bool]
 ) -> Link:
     """The link that was named; with --wait as soon as it can be opened. ended: whether the user has.
 
-    Raises InputError when it cannot be opened in that time.
+    Raises InputError when it cannot be opened until then, s of `time.monotonic()`.
     """
     if arguments.signing_key_file:
         _warn_of_readers(Path(arguments.signing_key_file))
@@ -122,7 +135,7 @@ def open_link(
                 signing_key=key,
             )
         except NotThereError as error:
-            if arguments.wait is None or ended() or patience.over(0):
+            if arguments.wait is None or ended() or time.monotonic() > until:
                 raise
             if not reported:
                 reported = True
@@ -189,6 +202,12 @@ def say(text: str, end: str = "\n") -> None:
     _write(sys.stderr, text + end)
 
 
+def say_all(sentences: Iterable[str], before: str = "") -> None:
+    """Each on a line of its own."""
+    for sentence in sentences:
+        say(before + sentence)
+
+
 def print_line(text: str) -> None:
     """A line on stdout, likewise."""
     _write(sys.stdout, f"{text}\n")
@@ -215,21 +234,22 @@ def _takes(stream: TextIO) -> bool:
         return True
 
 
-def conclude(link: Link, recorder: Recorder, *, restored: bool) -> int:
-    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all.
+def conclude(session: Session, *, restored: bool) -> int:
+    """Say what has been recorded. Returns the exit code: 2 where nothing was received, or not all was recorded.
 
     restored: whether the vehicle has confirmed that its message intervals are as before. Without that it is 2 as well.
     """
-    health = link.health
-    if health.unsigned or health.wrongly_signed:
+    health, recorder = session.link.health, session.recorder
+    if recorder is not None and (health.unsigned or health.wrongly_signed):
         say(
             f"{counted(health.unsigned, 'frame')} without a signature and {health.wrongly_signed:,} with a wrong one "
             "were dropped: they are not in the recording"
         )
-    if not link.health.frames:
+    if not health.frames:
         return nothing_received()
-    print_line(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
-    return 2 if recorder.problem or not restored else 0
+    if recorder is not None:
+        print_line(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
+    return 2 if (recorder is not None and recorder.problem) or not restored else 0
 
 
 def nothing_received() -> int:
@@ -248,13 +268,13 @@ class StatusLine:
 
     def show(self) -> None:
         """Say what the session has to say, and the status when it is time."""
-        for sentence in self._session.reported:
-            say(f"\r\x1b[K{sentence}" if self._terminal else sentence)
+        clear = "\r\x1b[K" if self._terminal else ""
+        say_all(self._session.reported, clear)
         self._session.reported.clear()
         now = time.monotonic()
         if now - self._shown >= (_TERMINAL_S if self._terminal else _LOG_S):
             self._shown = now
-            say(f"\r\x1b[K{self.text()}" if self._terminal else self.text(), end="" if self._terminal else "\n")
+            say(clear + self.text(), end="" if self._terminal else "\n")
 
     def end(self) -> None:
         """Leave the line."""

@@ -109,23 +109,20 @@ def _fill(
 
 def _rows(arguments: argparse.Namespace, cells: _Cells) -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
     """The log's name and the cells of each flight of the logs that were named or are in a folder; or the error."""
-    from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
-
-    log = options.settings_of(arguments).log
-    paths = [one.path for one in find_logs(options.log_paths(arguments), dialect=log.dialect).logs]
-    names = short_names(paths)
+    settings = options.settings_of(arguments)
+    names = options.logs_named(arguments, settings)
 
     def read() -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
-        for path in paths:
+        for path, name in names.items():
             try:
-                flights = read_recording(path, core=arguments.core, **log.options).flights
+                flights = read_recording(path, core=arguments.core, **settings.log.options).flights
             except CompanionError as error:
-                yield names[path], (), error
+                yield name, (), error
                 continue
             for flight in flights:
-                yield names[path], tuple(cells(flight)), None
+                yield name, tuple(cells(flight)), None
             if not flights:
-                yield names[path], ("no vehicle",), None
+                yield name, ("no vehicle",), None
 
     return read()
 

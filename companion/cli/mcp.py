@@ -119,7 +119,10 @@ def server(folder: Path, *, timeout_s: float = _TIMEOUT_S, how: list[str] | None
     root, turn = folder.resolve(), anyio.Lock()
 
     async def list_tools(*_: object) -> types.ListToolsResult:
-        return types.ListToolsResult(tools=[_list_logs_tool(), *(_tool(name) for name in TOOLS)])
+        own = _tool("list_logs", "The logs in the folder, by name and size.", {"type": "object", "properties": {}})
+        return types.ListToolsResult(
+            tools=[own, *(_tool(name, COMMANDS[name].summary, _input_schema(tool)) for name, tool in TOOLS.items())]
+        )
 
     async def call_tool(_: object, request: types.CallToolRequestParams) -> types.CallToolResult:
         async with turn:
@@ -227,15 +230,7 @@ def _input_schema(tool: JsonTool) -> dict[str, Any]:
     }
 
 
-def _tool(name: str) -> Tool:
-    return _described(name, COMMANDS[name].summary, _input_schema(TOOLS[name]))
-
-
-def _list_logs_tool() -> Tool:
-    return _described("list_logs", "The logs in the folder, by name and size.", {"type": "object", "properties": {}})
-
-
-def _described(name: str, summary: str, schema: dict[str, Any]) -> Tool:
+def _tool(name: str, summary: str, schema: dict[str, Any]) -> Tool:
     import mcp_types as types  # noqa: PLC0415
 
     annotations = types.ToolAnnotations(read_only_hint=True, destructive_hint=False, open_world_hint=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
 from companion.cli import options, parsers, tables
-from companion.documents import encode, noise_document
+from companion.documents import noise_document
 from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
 from companion.model import DataError, Flight, InputError
@@ -31,8 +32,7 @@ _MOST_PEAKS = 4
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
     parsers.add_imu_model(parser)
     parsers.add_json(parser)
@@ -55,10 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     noises, refused = _all(flight, names, settings, arguments.imu_model)
     if not noises:
         raise DataError(refused.get(main) or "; ".join(refused.values()))
-    if arguments.json:
-        print(encode(noise_document(recording.source, flight, noises)))
-    else:
-        tables.console().lines(*_lines(noises, refused))
+    document = partial(noise_document, recording.source, flight, noises)
+    tables.show(_lines(noises, refused), json=arguments.json, document=document)
     if path is not None:
         _write(path, next((noise for noise in noises if noise.imu == main), noises[0]), Path(arguments.log).name)
     return 0

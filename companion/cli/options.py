@@ -13,7 +13,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -149,12 +149,14 @@ def command_of(option: str, text: str) -> Command:
         raise SettingsError(f"{option} {text} is not a command: {error}.") from None
 
 
-def output(arguments: argparse.Namespace) -> Path | None:
-    """The file that was named to write to. Raises InputError where it cannot be written."""
+def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str = "") -> Path | None:
+    """The file that was named to write to. Raises InputError where it cannot be written, or ends in none of these."""
     if not arguments.output:
         return None
     path = Path(arguments.output)
     files.check(path, force=arguments.force)
+    if endings and path.suffix not in endings:
+        raise InputError(f"cannot write {path}: the name has to end in {' or '.join(endings)}.{more}")
     return path
 
 
@@ -190,9 +192,14 @@ def log_path(arguments: argparse.Namespace) -> Path:
     return _path(arguments.log, arguments.piped)
 
 
-def log_paths(arguments: argparse.Namespace) -> list[str]:
-    """The logs, folders and patterns that were named."""
-    return [str(_path(name, arguments.piped)) for name in arguments.logs]
+def logs_named(arguments: argparse.Namespace, settings: Settings) -> dict[str, str]:
+    """Path → short name of each log that was named, matches a pattern or is in a folder that was named."""
+    from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
+
+    named = [str(_path(name, arguments.piped)) for name in arguments.logs]
+    paths = [log.path for log in find_logs(named, dialect=settings.log.dialect).logs]
+    names = short_names(paths)
+    return {path: names[path] for path in paths}
 
 
 def _path(name: str, piped: Path | None) -> Path:
@@ -290,11 +297,6 @@ def warn_of_damage(source: Source) -> None:
 def say(text: str) -> None:
     """A line for the person at the terminal: stderr, so that results on stdout stay clean."""
     print(text, file=sys.stderr)
-
-
-def other_port(requested: int, served: int) -> str:
-    """The message where another port than the one that was requested is served on; nothing where any would do."""
-    return f"port {requested} is taken: using {served}" if requested not in (0, served) else ""
 
 
 def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:

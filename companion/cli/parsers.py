@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+from collections.abc import Callable
 
 from companion.model import IMU_MESSAGES
 from companion.strapdown import METHODS, MIDDLES
@@ -36,6 +37,16 @@ def add_output(parser: Parser, metavar: str, help: str, force: str = "replace wh
     """Where to write."""
     parser.add_argument("-o", "--output", metavar=metavar, help=help)
     parser.add_argument("--force", action="store_true", help=force)
+
+
+def add_fail_on(parser: Parser, help: str, default: str | None = None) -> None:
+    """Which verdict is a failure: see `options.exit_code`."""
+    parser.add_argument("--fail-on", choices=("suspect", "insufficient"), default=default, help=help)
+
+
+def add_carrier(parser: Parser) -> None:
+    """The IMU of a best estimate."""
+    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
 
 
 def add_reanchor(parser: Parser) -> None:
@@ -73,6 +84,12 @@ def add_flight_choice(parser: Parser) -> None:
     )
     parser.add_argument("--boot", type=int, metavar="N", help="the vehicle's N-th boot in the log, from 1")
     add_core(parser)
+
+
+def add_flight(parser: Parser, *, takes_link: bool = False) -> None:
+    """A flight of a log; takes_link: or a link."""
+    add_log(parser, takes_link=takes_link)
+    add_flight_choice(parser)
 
 
 def add_core(parser: Parser) -> None:
@@ -137,6 +154,17 @@ def share(text: str) -> float:
     if match is None:
         raise argparse.ArgumentTypeError(f"must be a percentage like 10%, got {text!r}")
     return float(match[1]) / 100
+
+
+def whole(least: int, most: int, what: str) -> Callable[[str], int]:
+    """The type of an option that is a whole number. what: it must be, in words."""
+
+    def parsed(text: str) -> int:
+        if not text.isdigit() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"must be {what}, got {text!r}")
+        return int(text)
+
+    return parsed
 
 
 def _horizons(text: str) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +18,7 @@ from companion.app.recording import Recording
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.cli import live, options, parsers, record, tables
-from companion.documents import encode, preflight_document
+from companion.documents import preflight_document
 from companion.fleet import earlier_checks
 from companion.links import is_link
 from companion.model import DataError, Flight, counted
@@ -29,8 +30,7 @@ _COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, takes_link=True)
-    parsers.add_flight_choice(parser)
+    parsers.add_flight(parser, takes_link=True)
     parser.add_argument(
         "--history",
         metavar="FOLDER|PARQUET",
@@ -74,10 +74,8 @@ def _of_log(arguments: argparse.Namespace) -> int:
     flight = recording.flights[options.choose(recording, arguments)]
     result = preflight_of(flight)
     aged = _aged(arguments.history, settings, recording, flight, result) if arguments.history else ()
-    if arguments.json:
-        print(encode(preflight_document(recording.source, flight, result, aged)))
-    else:
-        tables.console().lines(*_lines(result, aged))
+    document = partial(preflight_document, recording.source, flight, result, aged)
+    tables.show(_lines(result, aged), json=arguments.json, document=document)
     return 1 if result.outcome == "no_go" else 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -45,15 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
     if log_format(path) != "mavlink":
         raise InputError(f"{path} is not a telemetry log: only a .tlog holds packets that can be sent again.")
     senders = None if arguments.everybody else _vehicles(arguments, path)
-    port = open_port(address)
-    try:
-        with live.until_signal() as ended:
-            _wait(port, address, ended)
-            options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
-            dialect = load_dialect(settings.log.dialect)
-            played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=ended)
-    finally:
-        port.close()
+    with contextlib.closing(open_port(address)) as port, live.until_signal() as ended:
+        _wait(port, address, ended)
+        options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
+        dialect = load_dialect(settings.log.dialect)
+        played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=ended)
     names = ", ".join(f"{name} {count:,}" for name, count in played.sent.most_common())
     print(f"sent {played.sent.total():,} frames, {played.bytes:,} bytes: {names}")
     if played.unheard:

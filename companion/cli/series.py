@@ -27,7 +27,8 @@ def add_options(parser: parsers.Parser) -> None:
     parsers.add_flight_choice(parser)
     parser.add_argument("--from", dest="begin", type=float, metavar="S", help="from this time of the boot clock on")
     parser.add_argument("--to", dest="end", type=float, metavar="S", help="up to this time")
-    parser.add_argument("--points", type=_points, default=500, metavar="N", help="rows at most, evenly (default: 500)")
+    points = parsers.whole(1, _MOST_POINTS, f"from 1 to {_MOST_POINTS}")
+    parser.add_argument("--points", type=points, default=500, metavar="N", help="rows at most, evenly (default: 500)")
     parsers.add_json(parser)
 
 
@@ -65,9 +66,3 @@ def run(arguments: argparse.Namespace) -> int:
 def _cell(value: float | str) -> float | str:
     """As the CSV of `companion export` has it."""
     return harmless(value) if isinstance(value, str) else "" if math.isnan(value) else value
-
-
-def _points(text: str) -> int:
-    if not text.isdigit() or not 1 <= int(text) <= _MOST_POINTS:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {_MOST_POINTS}, got {text!r}")
-    return int(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -95,13 +96,10 @@ def run(arguments: argparse.Namespace) -> int:
             write_flight(vehicle, part)
         print(f"{arguments.output}: {Path(arguments.output).stat().st_size:,} bytes, {flown.duration:.0f} s")
         return 0
-    port = open_port(parse_address(arguments.link))
-    try:
+    with contextlib.closing(open_port(parse_address(arguments.link))) as port:
         options.say(f"Vehicle {arguments.sysid}:1 flies a {arguments.motion} on {arguments.link}  (Ctrl-C ends it)")
         with live.until_signal() as ended:
             serve(vehicle, port, stop=ended)
-    finally:
-        port.close()
     print(f"sent {vehicle.sent.total():,} messages: " + ", ".join(f"{n} {c:,}" for n, c in vehicle.sent.most_common()))
     return 0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from rich.markup import escape
@@ -14,7 +15,7 @@ from companion.app import files
 from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, parsers, tables
-from companion.documents import encode, estimate_document
+from companion.documents import estimate_document
 from companion.estimation import (
     AIDING_SENSORS,
     CONSTANTS,
@@ -26,7 +27,7 @@ from companion.estimation import (
     smooth,
 )
 from companion.export import write_estimate_tum
-from companion.model import BiasTrack, Flight, InputError
+from companion.model import BiasTrack, Flight
 from companion.present import SENSORS, fixed, shown_unit, words
 
 _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
@@ -40,27 +41,24 @@ _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_flight_choice(parser)
-    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
+    parsers.add_flight(parser)
+    parsers.add_carrier(parser)
     parsers.add_json(parser)
     parsers.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the estimate; write it where requested."""
-    path = options.output(arguments)
-    if path is not None and path.suffix != ".tum":
-        raise InputError(f"cannot write {path}: the name has to end in .tum. companion export has more formats.")
+    path = options.output(arguments, (".tum",), " companion export has more formats.")
     settings, recording, flight = options.one_flight(arguments)
     how = integration_of(settings, flight)
     best = smooth(flight, arguments.imu, gravity=how.gravity)
     errors = autopilot_error(flight, best, how.limits)
-    believed = _believed(flight, best)
-    if arguments.json:
-        print(encode(estimate_document(recording.source, flight, best, errors, believed)))
-    else:
-        _print(flight, best, errors, believed, how.limits)
+    # the biases of the same IMU by the autopilot's estimator
+    believed = next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
+    document = partial(estimate_document, recording.source, flight, best, errors, believed)
+    lines = _lines(flight, best, errors, believed, how.limits)
+    tables.show(lines, json=arguments.json, document=document)
     if path is not None:
         with files.replacing(path) as part:
             write_estimate_tum(part, flight, best)
@@ -68,20 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _believed(flight: Flight, best: BestEstimate) -> BiasTrack | None:
-    """The biases of the same IMU by the autopilot's estimator."""
-    return next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
-
-
-def _print(
-    flight: Flight,
-    best: BestEstimate,
-    errors: Sequence[AutopilotError],
-    believed: BiasTrack | None,
-    limits: Limits,
-) -> None:
-    console = tables.console()
-    console.lines(
+def _lines(
+    flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError], believed: BiasTrack | None, limits: Limits
+) -> Iterator[str | Table]:
+    yield (
         f"Best estimate of vehicle {flight.vehicle}, boot {flight.boot}, {best.t[0]:.1f}-{best.t[-1]:.1f} s: "
         f"{escape(best.imu.source)} {best.imu.rate_hz:.1f} Hz, {len(best.t)} keyframes; heading from "
         f"{best.heading_from}"
@@ -94,9 +82,10 @@ def _print(
         ("Autopilot minus best estimate", _errors(errors)),
     ):
         if table.row_count:
-            console.lines(f"\n[bold]{title}[/]", table)
-    console.lines("\n[bold]Where the sensors disagree[/]", *explained_lines(best.explained))
-    console.lines(*(f"Note: {escape(note)}" for note in best.notes))
+            yield from (f"\n[bold]{title}[/]", table)
+    yield "\n[bold]Where the sensors disagree[/]"
+    yield from explained_lines(best.explained)
+    yield from (f"Note: {escape(note)}" for note in best.notes)
 
 
 def _measurements(best: BestEstimate) -> Table:

@@ -1,19 +1,21 @@
-"""Tables and text of the commands, in a terminal of 80 columns."""
+"""Tables and text of the commands, in a terminal of 80 columns: verdicts, drift, and the errors of the sensor."""
 
 from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 
+import numpy as np
 import rich.console
 from rich import box
 from rich.markup import escape
 from rich.table import Table
 
 from companion import present
-from companion.analysis import Drift, Verdict, left_out
-from companion.present import MOST_LINES, clause, fixed, flight_words, ranked, span, words
+from companion.analysis import PARTS, Alignment, Assessment, Calibration, Drift, Verdict, left_out
+from companion.documents import Document, encode
+from companion.model import Array, counted
 
 _STATUS = {
     "consistent": "green",
@@ -44,15 +46,23 @@ def console() -> Console:
     return Console(soft_wrap=True, emoji=False)
 
 
-def verdict_lines(verdict: Verdict, *, most: int = MOST_LINES) -> Iterator[str]:
+def show(lines: Iterable[str | Table], *, json: bool, document: Callable[[], Document]) -> None:
+    """The results as lines, or the document as JSON; only that which is shown is made."""
+    if json:
+        print(encode(document()))
+    else:
+        console().lines(*lines)
+
+
+def verdict_lines(verdict: Verdict, *, most: int = present.MOST_LINES) -> Iterator[str]:
     """The verdict, each flight by itself where there are several, and the findings under it."""
-    yield f"{status_text(verdict.status)}  {escape(clause(verdict.summary))}"
+    yield f"{status_text(verdict.status)}  {escape(present.clause(verdict.summary))}"
     for i, flight in enumerate(verdict.flights, 1):
-        yield f"  Flight {i}, {escape(flight_words(flight))}"
-    groups, left = ranked(verdict.findings, most)
+        yield f"  Flight {i}, {escape(present.flight_words(flight))}"
+    groups, left = present.ranked(verdict.findings, most)
     for group in groups:
         one = group.findings[0]
-        named = f"{span(one)}: {words(one.kind)}. " if len(group.findings) == 1 else ""
+        named = f"{present.span(one)}: {present.words(one.kind)}. " if len(group.findings) == 1 else ""
         yield f"  {SIGNS[one.severity]} {named}{escape(str(group))}"
         if one.severity != "info":
             yield f"      {escape(group.worst.advice)}"
@@ -69,7 +79,7 @@ def wrapped(text: str, width: int, hanging: int) -> list[str]:
 
 def status_text(status: str) -> str:
     """CONSISTENT, IMU SUSPECT, ... in its colour."""
-    return f"[bold {_STATUS[status]}]{words(status).upper()}[/]"
+    return f"[bold {_STATUS[status]}]{present.words(status).upper()}[/]"
 
 
 def table(*headings: str, left: int = 0) -> Table:
@@ -111,7 +121,7 @@ _WIDTH = 6
 
 
 def _cell(cell: present.Cell) -> str:
-    return "-" if cell is None else fixed(cell) if isinstance(cell, float) else escape(str(cell))
+    return "-" if cell is None else present.fixed(cell) if isinstance(cell, float) else escape(str(cell))
 
 
 def _line(*parts: str) -> str:
@@ -123,3 +133,116 @@ def left_out_lines(drift: Drift) -> Iterator[str]:
     for row in drift.rows:
         if row.excluded:
             yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"
+
+
+_MOST_RESTS = 3
+
+
+def noise_lines(assessment: Assessment) -> Iterator[str]:
+    """White noise by the data sheet, at rest and in flight (worst axis), in the units of data sheets."""
+    flying = assessment.measured_noise
+    if not assessment.rests and flying.gyro is None and flying.accel is None:
+        return
+    for sensor in present.SENSORS:
+        resting = [getattr(rest, f"{sensor.key}_noise") for rest in assessment.rests]
+        sheet, moving = getattr(assessment.imu_spec, sensor.key).noise_density, getattr(flying, sensor.key)
+        parts = [f"{present.fixed(sheet * sensor.factor)} {sensor.unit}/√Hz expected"]
+        if still := [density for density in resting if density is not None]:
+            parts.append(f"{present.fixed(min(still) * sensor.factor)} at rest")
+        elif resting:
+            parts.append("at rest: below quantisation")
+        if moving is not None:
+            parts.append(f"{present.fixed(moving * sensor.factor)} in flight")
+        yield f"{'Noise:' if sensor is present.SENSORS[0] else '':<11}{sensor.name} {', '.join(parts)}"
+
+
+def autopilot_line(assessment: Assessment) -> str:
+    """The assumed error of the autopilot's own estimate."""
+    own = assessment.autopilot
+    return (
+        f"Assumed autopilot error (1σ): tilt {_degrees(own.tilt)}, heading {_degrees(own.heading)}, "
+        f"{present.fixed(own.velocity)} m/s, {present.fixed(own.position)} m ({escape(own.reason)})"
+    )
+
+
+def calibration_lines(assessment: Assessment) -> Iterator[str]:
+    """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
+    fit = assessment.calibration
+    if fit is None:
+        return
+    yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
+    for part, shown in present.CALIBRATED.items():
+        if fit.score(part):
+            yield f"  {shown.title:<19}{_values(fit, part)} {shown.unit}"
+            if part == "gyro_bias":
+                yield from _other_estimates(assessment)
+    if by_best := present.by_best_estimate(fit):
+        yield f"  by the best estimate rather than the windows: {', '.join(by_best)}"
+    if unknown := present.not_observable(fit):
+        yield f"  not observable     in this flight: {', '.join(unknown)}"
+    place = PARTS["accel_bias"]
+    if any(fit.assumed[place]):
+        best = zip(fit.correction.accel_bias, fit.assumed_sigma[place], fit.assumed[place], strict=True)
+        parts = [f"{'xyz'[i]} {value:.3f} ± {sigma:.3f}" for i, (value, sigma, taken) in enumerate(best) if taken]
+        yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
+    if level := present.level_force(fit):
+        yield f"  at 1 g             z is off by {level}"
+    if (gain := present.held_out_gain(assessment)) is not None:
+        yield f"  out of sample      median of {counted(gain.windows, 'window')} of the second half, by the first"
+        yield f"    autopilot's      {gain.by_autopilot}"
+        if gain.by_best:
+            yield f"    best estimate's  {gain.by_best}"
+        if assessment.made_worse:
+            yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
+
+
+def _values(fit: Calibration, part: str) -> str:
+    """The parameters of a part with their standard errors."""
+    place = PARTS[part]
+    return ", ".join(
+        present.CALIBRATED[part].shown(value, sigma) if seen else "not observable"
+        for value, sigma, seen in zip(fit.values[place], fit.sigma[place], fit.observable[place], strict=True)
+    )
+
+
+def _other_estimates(assessment: Assessment) -> Iterator[str]:
+    """The gyro bias as the rests and the autopilot have it."""
+    for rest in assessment.rests[:_MOST_RESTS]:
+        bias = _plus_minus(rest.gyro, rest.gyro_sigma)
+        yield f"    at rest          {bias} mrad/s ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
+    if (held := assessment.autopilot_bias) is not None:
+        bias = _plus_minus(held.gyro, held.sigma)
+        yield f"    the autopilot's  {bias} mrad/s ({held.start_s:.1f}-{held.end_s:.1f} s)"
+
+
+def alignment_lines(alignment: Alignment) -> Iterator[str | Table]:
+    """The alignment of the IMU at rest, and the distance of its attitude from the autopilot's later."""
+    rest = alignment.rest
+    yield f"\n[bold]The IMU alone, from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
+    heading = {"nothing": "unknown: taken as north"}.get(alignment.heading_from, f"from the {alignment.heading_from}")
+    yield f"Roll and pitch from gravity (± {_degrees(alignment.tilt_sigma)} each), heading {heading}" + (
+        f" (± {_degrees(alignment.heading_sigma)})" if alignment.heading_from != "nothing" else ""
+    )
+    yield f"Gyro bias  {_plus_minus(rest.gyro, rest.gyro_sigma)} mrad/s taken off"
+    if alignment.magnetic_error_rad is not None:
+        declination = "declination added" if alignment.declination_rad else "the declination is part of it"
+        yield f"Magnetometer minus autopilot: {_degrees(alignment.magnetic_error_rad)} of heading ({declination})"
+    for note in alignment.notes:
+        yield f"Note:      {escape(note)}"
+    if not alignment.later:
+        yield "The autopilot's attitude is not known after the rest."
+        return
+    shown = table("after rest", "tilt °", "allowed, 1σ", "heading °", "allowed, 1σ")
+    for row in alignment.later:
+        errors = (row.tilt_deg, row.expected_tilt_deg, row.heading_deg, row.expected_heading_deg)
+        shown.add_row(f"{row.since_s:.1f} s", *map(present.fixed, errors))
+    yield shown
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.degrees(angle):.1f}°"
+
+
+def _plus_minus(values: Array, sigma: Array) -> str:
+    """Biases of the gyro, rad/s, in mrad/s."""
+    return ", ".join(map(present.CALIBRATED["gyro_bias"].shown, values, sigma))

@@ -12,7 +12,7 @@ from typing import Any
 from companion.analysis import LiveVerdict
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.cli import live, options, parsers
-from companion.links import Recorder, Session, announce
+from companion.links import Session, announce
 from companion.model import SettingsError
 
 _LINE_S = 1.0  # between two lines where nothing changes
@@ -33,11 +33,9 @@ def add_options(parser: parsers.Parser) -> None:
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")
     parser.add_argument("--no-record", action="store_true", help="record nothing")
-    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
-    parser.add_argument(
-        "--fail-on",
-        choices=("suspect", "insufficient"),
-        help="exit with code 1 when there was an alarm (suspect), or no consistent verdict without one (insufficient)",
+    parsers.add_fail_on(
+        parser,
+        "exit with code 1 when there was an alarm (suspect), or no consistent verdict without one (insufficient)",
     )
     parser.add_argument(
         "--on-change",
@@ -54,33 +52,25 @@ def add_options(parser: parsers.Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Watch until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
     settings = options.settings_of(arguments)
-    if arguments.duration is not None and not arguments.duration > 0:
-        raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
     if arguments.announce and arguments.listen_only:
         raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
     command = options.command_of("--on-change", arguments.on_change or "")
-    choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     with (
-        live.until_signal() as ended,
-        live.open_link(arguments.link, arguments, settings, patience, ended) as link,
-        contextlib.nullcontext() if arguments.no_record else Recorder(arguments.output) as recorder,
+        live.session_on(arguments.link, arguments, settings) as (session, over),
         RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=arguments.vehicle)) as verdict,
     ):
-        link.announces = arguments.announce
-        session = Session(link, choice=choice, recorder=recorder, remember=True)
+        session.link.announces = arguments.announce
         session.listen(lambda frames, received: verdict.receive([(frames, received)]))
         lines = _Lines(session, verdict, command, announces=arguments.announce)
-        end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
-        while not ended() and time.monotonic() < end and not patience.over(link.health.frames):
+        while not over():
             session.step()
             session.beside(lines.show)
         verdict.close()  # what it still judges would only hold up the end
         restored = session.leave()
-        for sentence in session.reported:
-            live.say(sentence)
-    if not link.health.frames:
+        live.say_all(session.reported)
+    if not session.link.health.frames:
         return live.nothing_received()
-    if not restored or (recorder is not None and recorder.problem):
+    if not restored or (session.recorder is not None and session.recorder.problem):
         return 2
     last = lines.last
     statuses = [one.so_far[0] for one in last]
@@ -107,8 +97,7 @@ class _Lines:
 
     def show(self) -> None:
         """Say what is new."""
-        for sentence in self._session.reported:
-            live.say(sentence)
+        live.say_all(self._session.reported)
         self._session.reported.clear()
         now, all_verdicts = time.monotonic(), self.last
         due = now >= self._due

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,20 +16,17 @@ from companion.analysis import (
     Expected,
     Finding,
     Incident,
-    Sensitivity,
-    Verdict,
 )
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
-from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain
-from companion.documents.log import reference
-from companion.estimation import ConfusionMatrix, hypothesis_of
+from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain, reference
+from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Flight
 
 
-def confusion_part(matrix: ConfusionMatrix | None) -> Document | None:
+def confusion_part(best: BestEstimate | None) -> Document | None:
     """None where it was not requested, or no best estimate could be made."""
-    if matrix is None:
+    if best is None or (matrix := best.confusion) is None:
         return None
     faults = [
         {
@@ -61,28 +58,55 @@ _FITTED = {
 
 def analysis_document(source: Source, examined: Examination | Unexamined) -> Document:
     """An examined flight; of one that cannot be examined its verdict, and what the log has."""
-    if isinstance(examined, Unexamined):
-        return _analysis(source, examined, None, notes=examined.flight.notes)
+    flight = examined.flight
+    known = _UNEXAMINED | {"notes": flight.notes} if isinstance(examined, Unexamined) else _examined(examined)
+    analysed = {
+        **flight_head(flight),
+        "duration_s": flight.duration,
+        "imu": [
+            {
+                "message": name,
+                "samples": len(track),
+                "rate_hz": track.rate_hz,
+                "gaps": examined.gaps[name],
+                "longest_gap_s": float(np.diff(track.t).max()) if len(track) > 1 else None,
+                "duplicates": flight.messages[name].duplicates if name in flight.messages else 0,
+            }
+            for name, track in flight.imus.items()
+        ],
+        "reference": reference(flight),
+        **known,
+        "verdict": _verdict(examined),
+        "confusion": None if isinstance(examined, Unexamined) else confusion_part(examined.assessment.best),
+    }
+    return document(source, [analysed])
+
+
+_UNEXAMINED: Document = {
+    **dict.fromkeys(("used_imu", "method", "middle", "gravity_mps2", "correction")), "notes": (), "drift": (),
+    "figures": None, "consistency": (), "calibration": None, "rests": (), "autopilot_gyro_bias": None,
+    "alignment": None, "imus": (),
+}  # fmt: skip
+"""The keys of `_examined`, where nothing was examined."""
+
+
+def _examined(examined: Examination) -> Document:
     assessment = examined.assessment
-    table, comparison, noise = assessment.drift, assessment.comparison, assessment.measured_noise
+    table, noise = assessment.drift, assessment.measured_noise
     rows = list(zip(table.rows, assessment.expected, strict=True))
-    return _analysis(
-        source,
-        examined,
-        assessment.sensitivity,
-        used_imu=table.imu,
-        method=table.method,
-        middle=table.middle,
-        gravity_mps2=comparison.how.gravity,
-        correction=examined.correction,
-        notes=[*examined.flight.notes, *table.notes],
-        drift=[_drift(row, expected) for row, expected in rows],
-        figures={
+    return {
+        "used_imu": table.imu,
+        **of(table, "method", "middle"),
+        "gravity_mps2": assessment.comparison.how.gravity,
+        "correction": examined.correction,
+        "notes": [*examined.flight.notes, *table.notes],
+        "drift": [_drift(row, expected) for row, expected in rows],
+        "figures": {
             **of(assessment.imu_spec, "name", "reason"),
             "measured_gyro_noise": noise.gyro,
             "measured_accel_noise": noise.accel,
         },
-        consistency=[
+        "consistency": [
             {
                 "horizon_s": row.horizon_s,
                 **_by_quantity(expected.inside),
@@ -91,8 +115,8 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
             for row, expected in rows
             if expected is not None and (judged := assessment.agreements[row.horizon_s])
         ],
-        calibration=_calibration(assessment),
-        rests=[
+        "calibration": _calibration(assessment),
+        "rests": [
             {
                 **of(rest, "start_s", "end_s"),
                 "gyro_bias_radps": rest.gyro,
@@ -102,10 +126,10 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
             }
             for rest in assessment.rests
         ],
-        autopilot_gyro_bias=(held := assessment.autopilot_bias)
+        "autopilot_gyro_bias": (held := assessment.autopilot_bias)
         and {**of(held, "start_s", "end_s"), "value": held.gyro, "sigma": held.sigma},
-        alignment=examined.alignment and _alignment(examined.alignment),
-        imus=[
+        "alignment": examined.alignment and _alignment(examined.alignment),
+        "imus": [
             {
                 "message": other.imu,
                 "rate_hz": other.rate_hz,
@@ -114,93 +138,49 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
             }
             for other in examined.redundant_imus
         ],
-        confusion=confusion_part(assessment.best.confusion if assessment.best else None),
-    )
+    }
 
 
 def contrast_document(
     contrast: Contrast, a: tuple[Source, Examination], b: tuple[Source, Examination], *, same_flight: bool
 ) -> Document:
     """Both analyses whole, and what differs."""
-    return plain(
-        {
-            "schema": SCHEMA,
-            "a": analysis_document(*a),
-            "b": analysis_document(*b),
-            "same_flight": same_flight,
-            "drift": [
-                {
-                    "horizon_s": row.a.horizon_s,
-                    "a": _drift(row.a, row.expected_a),
-                    "b": _drift(row.b, row.expected_b),
-                    "change": {
-                        quantity: of(change, "ratio", "low", "high", "paired", "direction")
-                        for quantity, change in row.changes.items()
-                    },
-                }
-                for row in contrast.rows
-            ],
-            "findings": {
-                "gone": [_finding(one) for one in contrast.gone],
-                "new": [_finding(one) for one in contrast.new],
-                "kept": contrast.kept,
-            },
-            "calibration": [of(figure, "name", "a", "b", "sigma", "differs") for figure in contrast.figures],
-        }
-    )
-
-
-def _analysis(
-    source: Source,
-    of_flight: Examination | Unexamined,
-    could: Sensitivity | None,
-    confusion: Document | None = None,
-    **known: Any,
-) -> Document:
-    """known: what an examination has beside; null or empty where it is not known."""
-    flight = of_flight.flight
-    none = dict.fromkeys(("used_imu", "method", "middle", "gravity_mps2", "correction"))
-    analysed = {
-        **flight_head(flight),
-        "duration_s": flight.duration,
-        "imu": [
+    return plain({
+        "schema": SCHEMA,
+        "a": analysis_document(*a),
+        "b": analysis_document(*b),
+        "same_flight": same_flight,
+        "drift": [
             {
-                "message": name,
-                "samples": len(track),
-                "rate_hz": track.rate_hz,
-                "gaps": of_flight.gaps[name],
-                "longest_gap_s": float(np.diff(track.t).max()) if len(track) > 1 else None,
-                "duplicates": flight.messages[name].duplicates if name in flight.messages else 0,
+                "horizon_s": row.a.horizon_s,
+                "a": _drift(row.a, row.expected_a),
+                "b": _drift(row.b, row.expected_b),
+                "change": {
+                    quantity: of(change, "ratio", "low", "high", "paired", "direction")
+                    for quantity, change in row.changes.items()
+                },
             }
-            for name, track in flight.imus.items()
+            for row in contrast.rows
         ],
-        "reference": reference(flight),
-        **none,
-        "notes": [],
-        "drift": [],
-        "figures": None,
-        "consistency": [],
-        "calibration": None,
-        "rests": [],
-        "autopilot_gyro_bias": None,
-        "alignment": None,
-        "imus": [],
-        **known,
-        "verdict": _verdict(of_flight.verdict, could),
-        "confusion": confusion,
-    }
-    return document(source, [analysed])
+        "findings": {
+            "gone": [_finding(one) for one in contrast.gone],
+            "new": [_finding(one) for one in contrast.new],
+            "kept": contrast.kept,
+        },
+        "calibration": [of(figure, "name", "a", "b", "sigma", "differs") for figure in contrast.figures],
+    })  # fmt: skip
 
 
-def _verdict(verdict: Verdict, could: Sensitivity | None) -> Document:
+def _verdict(examined: Examination | Unexamined) -> Document:
+    verdict = examined.verdict
+    could = None if isinstance(examined, Unexamined) else examined.assessment.sensitivity
     return {
         **of(verdict, "status", "summary"),
         "findings": [_finding(one) for one in verdict.findings],
         "cause": verdict.cause,
         "detectable": {} if could is None else could.smallest,
         "not_judged": () if could is None else could.not_judged,
-        "probability": verdict.probability,
-        "flights": verdict.flights,
+        **of(verdict, "probability", "flights"),
     }
 
 
@@ -218,7 +198,7 @@ def _drift(row: DriftRow, expected: Expected | None) -> Document:
     }
 
 
-def _by_quantity(inside: Any) -> Document:
+def _by_quantity(inside: Mapping[str, float]) -> Document:
     return {quantity: inside.get(quantity) for quantity in _QUANTITIES}
 
 

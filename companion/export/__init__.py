@@ -10,11 +10,10 @@ from pkgutil import iter_modules
 from companion.export.annotations import write_annotations
 from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
-from companion.export.kml import write_kml
 from companion.export.mcap import write_mcap
+from companion.export.paths import write_estimate_tum, write_kml, write_tum
 from companion.export.table import Column, Contents, Format, Table, harmless, series_name
 from companion.export.tracks import assessed_replay, tables
-from companion.export.tum import write_estimate_tum, write_tum
 
 reckoning_of = assessed_replay  # deprecated: its old name
 

@@ -12,7 +12,7 @@ Foxglove is imported with *Import from file*.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export.channels import FLU_IN_FRD, NED_IN_ENU, Channel, Schema, clock_of, stamps_of, write_channels
-from companion.export.kml import COLOURS, geodetic, paths
+from companion.export.paths import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.model import Array, Flight, words
 
@@ -163,16 +163,6 @@ _HERE = np.zeros((1, 3))
 _STATIC_S = 1.0  # frames that do not move are repeated so often, for those who join in mid-file
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One channel: its messages in order of time, without their `timestamp`."""
-
-    name: str
-    schema: JsonSchema
-    t: Array  # (N,) s, boot clock
-    messages: Iterable[Message]  # N
-
-
 def write_mcap(
     path: Path, flight: Flight, shown: Replay, assessed: Assessment, series: Iterable[Table] = ()
 ) -> list[Path]:
@@ -185,11 +175,11 @@ def write_mcap(
 
 
 def _channels(flight: Flight, shown: Replay, assessed: Assessment, series: Iterable[Table]) -> list[Channel]:
-    topics = [*_topics(flight, shown, assessed), *(_series(table) for table in series)]
-    return [_channel(flight, topic) for topic in topics]
+    return [*_flown(flight, shown, assessed), *(_series(flight, table) for table in series)]
 
 
-def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Topic]:
+def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Channel]:
+    topic = partial(_channel, flight)
     t, best = shown.t, assessed.best
     beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in gaps, which may be of any length
     bodies = [
@@ -199,48 +189,48 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
     ]
     for parent, child, q in (("enu", "ned", NED_IN_ENU), *((f"{name}_frd", name, FLU_IN_FRD) for name, *_ in bodies)):
         (still,) = transforms(parent, child, _HERE, q[None])
-        yield Topic("/tf", TRANSFORM, beats, [still] * len(beats))
+        yield topic("/tf", TRANSFORM, beats, [still] * len(beats))
     drawn = paths(shown, best)
     for name, times, position, q in bodies:
-        yield Topic("/tf", TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
-        yield Topic(f"/{name}/pose", POSE, times, poses("ned", position, q))
+        yield topic("/tf", TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
+        yield topic(f"/{name}/pose", POSE, times, poses("ned", position, q))
         if name in drawn and (where := geodetic(flight, position, best if name == "best" else None)) is not None:
-            yield Topic(f"/{name}/location", LOCATION, times, locations(name, where))
+            yield topic(f"/{name}/location", LOCATION, times, locations(name, where))
     for name, path in drawn.items():
-        yield Topic("/paths", SCENE, t[:1], [line(name, path, COLOURS[name])])
+        yield topic("/paths", SCENE, t[:1], [line(name, path, COLOURS[name])])
     velocity, position = shown.velocity_error, shown.position_error
-    yield Topic("/error", ERROR, t, errors(shown.attitude_error, velocity, position))
+    yield topic("/error", ERROR, t, errors(shown.attitude_error, velocity, position))
     for name, track in flight.imus.items():
         messages = readings("imu_frd", track.gyro, track.accel)
-        yield Topic(f"/imu/{name}", IMU, track.t, messages)
+        yield topic(f"/imu/{name}", IMU, track.t, messages)
     texts = sorted(flight.texts, key=lambda text: text.t)
     rows = [log(level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
-    yield Topic("/statustext", LOG, np.array([text.t for text in texts]), rows)
+    yield topic("/statustext", LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
     rows = [log(LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
-    yield Topic("/findings", LOG, np.array([finding.start_s for finding in findings]), rows)
+    yield topic("/findings", LOG, np.array([finding.start_s for finding in findings]), rows)
 
 
-def _series(table: Table) -> Topic:
+def _series(flight: Flight, table: Table) -> Channel:
     columns = [column for column in table if column.name not in ("t_s", "unix_s")]
     names = [column.name for column in columns]
     rows = zip(*(column.values.tolist() for column in columns), strict=True)
     schema = series_schema(table.name, names)
-    return Topic(f"/{table.name}", schema, table["t_s"], (dict(zip(names, row, strict=True)) for row in rows))
+    messages = (dict(zip(names, row, strict=True)) for row in rows)
+    return _channel(flight, f"/{table.name}", schema, table["t_s"], messages)
 
 
-def _channel(flight: Flight, topic: Topic) -> Channel:
-    """Each message as JSON with its timestamp."""
+def _channel(flight: Flight, topic: str, schema: JsonSchema, t: Array, messages: Iterable[Message]) -> Channel:
+    """Messages without their `timestamp` at times t (N,) s of the boot clock, each as JSON with it."""
     encode = msgspec.json.Encoder().encode
-    stamps = stamps_of(flight, topic.t)
+    stamps = stamps_of(flight, t)
 
-    def messages() -> Iterator[bytes]:
-        for stamp, message in zip(stamps.tolist(), topic.messages, strict=True):
+    def stamped() -> Iterator[bytes]:
+        for stamp, message in zip(stamps.tolist(), messages, strict=True):
             sec, nsec = divmod(stamp, 1_000_000_000)
             yield encode({"timestamp": {"sec": sec, "nsec": nsec}, **message})
 
-    schema = Schema(topic.schema["title"], "jsonschema", encode(topic.schema))
-    return Channel(topic.name, schema, "json", stamps, messages())
+    return Channel(topic, Schema(schema["title"], "jsonschema", encode(schema)), "json", stamps, stamped())
 
 
 def _about(flight: Flight) -> dict[str, str]:
@@ -251,26 +241,14 @@ def _about(flight: Flight) -> dict[str, str]:
     }
 
 
-def of_contents(one: Contents) -> tuple[list[Channel], dict[str, str]]:
-    """The channels of a flight, and what is said about them."""
-    series = (one.tables[series_name(key)] for key in one.flight.series)
-    return _channels(one.flight, one.shown, one.assessment, series), _about(one.flight)
-
-
-def _write(path: Path, one: Contents) -> list[Path]:
-    write_channels(path, *of_contents(one))
-    return [path]
+def _parts(one: Contents) -> tuple[Flight, Replay, Assessment, Iterable[Table]]:
+    return one.flight, one.shown, one.assessment, (one.tables[series_name(key)] for key in one.flight.series)
 
 
 _CAMERA = {"perspective": True, "distance": 40, "phi": 60, "thetaOffset": 45, "fovy": 45, "near": 0.5, "far": 20000}
 _GRID = {
-    "layerId": "foxglove.Grid",
-    "instanceId": "grid",
-    "visible": True,
-    "frameId": "enu",
-    "size": 200,
-    "divisions": 20,
-}
+    "layerId": "foxglove.Grid", "instanceId": "grid", "visible": True, "frameId": "enu", "size": 200, "divisions": 20,
+}  # fmt: skip
 
 
 def layout(topics: Collection[str]) -> dict[str, Any]:
@@ -321,9 +299,9 @@ def _column(names: list[str]) -> str | dict[str, Any]:
 
 
 def _write_with_layout(folder: Path, one: Contents) -> list[Path]:
-    channels, about = of_contents(one)
+    channels = _channels(*_parts(one))
     flight, arrangement = folder / "flight.mcap", folder / "layout.json"
-    write_channels(flight, channels, about)
+    write_channels(flight, channels, _about(one.flight))
     text = msgspec.json.encode(layout({channel.topic for channel in channels}))
     arrangement.write_bytes(msgspec.json.format(text, indent=2))
     return [flight, arrangement]
@@ -331,5 +309,5 @@ def _write_with_layout(folder: Path, one: Contents) -> list[Path]:
 
 FORMATS = (
     Format("foxglove", "the same with a layout", _write_with_layout, is_folder=True),
-    Format("mcap", "Foxglove", _write),
+    Format("mcap", "Foxglove", lambda path, c: write_mcap(path, *_parts(c))),
 )

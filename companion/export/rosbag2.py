@@ -85,50 +85,15 @@ ODOMETRY = _schema(
 )
 
 
-def imu(topic: str, stamps: Stamps, frame: str, gyro: Array, accel: Array) -> Channel:
-    """gyro, accel: (N, 3) rad/s, m/s² in the frame. Without an orientation, and with covariances that are not known."""
-    no_orientation = np.tile([0.0, 0.0, 0.0, 1.0, -1.0, *[0.0] * 8], (len(stamps), 1))
-    unknown = np.zeros((len(stamps), 9))
-    return _channel(topic, IMU, stamps, _string(frame), np.hstack([no_orientation, gyro, unknown, accel, unknown]))
-
-
-def magnetic_field(topic: str, stamps: Stamps, frame: str, field: Array) -> Channel:
-    """field: (N, 3) T in the frame."""
-    return _channel(topic, MAGNETIC_FIELD, stamps, _string(frame), np.hstack([field, np.zeros((len(field), 9))]))
-
-
-def nav_sat_fix(
-    topic: str, stamps: Stamps, frame: str, place: Array, sigma: Array, status: npt.NDArray[np.int8]
-) -> Channel:
-    """place: (N, 3) latitude °, longitude °, height m; sigma: (N, 3) m east, north, up, NaN: unknown; status: (N,)."""
-    known = np.asarray(np.isfinite(sigma).all(axis=1))
-    covariance = np.zeros((len(place), 9))
-    covariance[:, ::4] = np.where(known[:, None], sigma**2, 0.0)
-    status_at = len(_string(frame)) + _STAMPED
-    prefix = _string(frame) + struct.pack("<b", 0)
-    prefix += _padding(prefix, 2) + struct.pack("<H", 1)  # SERVICE_GPS
-    diagonal_known = np.where(known, 2, 0).astype(np.uint8)
-    block = _block(stamps, prefix, np.hstack([place, covariance]), diagonal_known[:, None])
-    block[:, status_at] = status.view(np.uint8)
-    return Channel(topic, NAV_SAT_FIX, "cdr", stamps, _rows(block))
-
-
-def odometry(topic: str, stamps: Stamps, frames: tuple[str, str], pose: Array, twist: Array) -> Channel:
-    """frames: of the pose, and of the child, which the twist is in.
-
-    pose: (N, 43) position m, quaternion xyzw, covariance (6, 6); twist: (N, 42) velocity m/s, rates rad/s, covariance.
-    """
-    parent, child = map(_string, frames)
-    names = parent + _padding(parent, 4) + child
-    return _channel(topic, ODOMETRY, stamps, names, np.hstack([pose, twist]))
-
-
 _STAMPED = 12  # bytes of the encapsulation and the stamp
 
 
 def _string(text: str) -> bytes:
     raw = text.encode() + b"\0"
     return struct.pack("<I", len(raw)) + raw
+
+
+_FRAME = _string("imu")  # of all readings
 
 
 def _padding(after: bytes, size: int) -> bytes:
@@ -183,22 +148,33 @@ def write_rosbag2(folder: Path, flight: Flight, shown: Replay, assessed: Assessm
 
 
 def _readings(flight: Flight) -> Iterator[Channel]:
+    """IMUs without an orientation, compasses, GPS: covariances that are not known are 0."""
     for name, track in flight.imus.items():
-        topic, stamps = f"/imu/{table_name(name)}", stamps_of(flight, track.t)
-        yield imu(topic, stamps, "imu", track.gyro * _FLU, track.accel * _FLU)
+        stamps, unknown = stamps_of(flight, track.t), np.zeros((len(track), 9))
+        no_orientation = np.tile([0.0, 0.0, 0.0, 1.0, -1.0, *[0.0] * 8], (len(track), 1))
+        numbers = np.hstack([no_orientation, track.gyro * _FLU, unknown, track.accel * _FLU, unknown])
+        yield _channel(f"/imu/{table_name(name)}", IMU, stamps, _FRAME, numbers)
     for compass in flight.compasses:
-        topic, stamps = f"/magnetic_field/{table_name(compass.source)}", stamps_of(flight, compass.t)
-        yield magnetic_field(topic, stamps, "imu", compass.field * _FLU)
+        topic, numbers = f"/magnetic_field/{table_name(compass.source)}", np.pad(compass.field * _FLU, ((0, 0), (0, 9)))
+        yield _channel(topic, MAGNETIC_FIELD, stamps_of(flight, compass.t), _FRAME, numbers)
     for gps in flight.gps:
         yield _fixes(flight, gps)
 
 
 def _fixes(flight: Flight, gps: GpsTrack) -> Channel:
     place = np.column_stack([np.degrees(gps.latitude), np.degrees(gps.longitude), gps.height])
-    sigma = np.column_stack([gps.horizontal_sigma / np.sqrt(2.0)] * 2 + [gps.vertical_sigma])
+    sigma = np.column_stack([gps.horizontal_sigma / np.sqrt(2.0)] * 2 + [gps.vertical_sigma])  # east, north, up
+    known = np.asarray(np.isfinite(sigma).all(axis=1))
+    covariance = np.zeros((len(place), 9))
+    covariance[:, ::4] = np.where(known[:, None], sigma**2, 0.0)
     kind = np.nan_to_num(gps.fix_type).clip(0, len(_STATUS) - 1).astype(np.intp)
     status = np.where(np.isfinite(gps.latitude), _STATUS[kind], np.int8(_NO_FIX)).astype(np.int8)
-    return nav_sat_fix(f"/gps/{table_name(gps.source)}", stamps_of(flight, gps.t), "imu", place, sigma, status)
+    prefix = _FRAME + struct.pack("<b", 0)  # the status, which is put in below
+    prefix += _padding(prefix, 2) + struct.pack("<H", 1)  # SERVICE_GPS
+    stamps, diagonal_known = stamps_of(flight, gps.t), np.where(known, 2, 0).astype(np.uint8)
+    block = _block(stamps, prefix, np.hstack([place, covariance]), diagonal_known[:, None])
+    block[:, len(_FRAME) + _STAMPED] = status.view(np.uint8)
+    return Channel(f"/gps/{table_name(gps.source)}", NAV_SAT_FIX, "cdr", stamps, _rows(block))
 
 
 def _trajectories(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Channel]:
@@ -208,10 +184,8 @@ def _trajectories(flight: Flight, shown: Replay, assessed: Assessment) -> Iterat
     def body(
         name: str, q: Array, velocity: Array, position: Array, rates: Array, known: npt.NDArray[np.bool_]
     ) -> Channel:
-        pose, twist = _pose(q, position), _twist(q, velocity, rates)
-        whole = np.hstack([pose, unknown]), np.hstack([twist, unknown])
-        stamps = stamps_of(flight, t[known])
-        return odometry(f"/{name}/odometry", stamps, ("enu", name), *(part[known] for part in whole))
+        whole = np.hstack([_pose(q, position), unknown, _twist(q, velocity, rates), unknown])
+        return _odometry(name, stamps_of(flight, t[known]), whole[known])
 
     gyro, rates = interpolated(t, track.t, track.gyro), interpolated(t, attitude.t, attitude.rates)
     yield body("imu", shown.q_imu, shown.velocity_imu, shown.position_imu, gyro, np.ones(len(t), bool))
@@ -224,21 +198,23 @@ def _best(flight: Flight, best: BestEstimate) -> Channel:
     """At its keyframes, with its covariance: there it is exact."""
     q, turn = best.q_ned_frd, quaternion.to_matrix(NED_IN_ENU)
     rates = interpolated(best.t, best.imu.t, best.imu.gyro) - best.states.gyro_bias
-    pose = np.r_[POSITION, ATTITUDE]
+    of_both = np.r_[POSITION, ATTITUDE]
     both = np.kron(np.eye(2), turn)
-    of_pose = both @ best.covariance[:, pose[:, None], pose] @ both.T
+    of_pose = both @ best.covariance[:, of_both[:, None], of_both] @ both.T
     to_body = np.swapaxes(quaternion.to_matrix(q), -1, -2) * _FLU[:, None]
     of_twist = np.zeros_like(of_pose)
     of_twist[:, :3, :3] = to_body @ best.covariance[:, VELOCITY, VELOCITY] @ np.swapaxes(to_body, -1, -2)
     of_twist[:, np.arange(3, 6), np.arange(3, 6)] = best.gyro_bias_sigma**2
     flat = (len(best.t), 36)
-    return odometry(
-        "/best/odometry",
-        stamps_of(flight, best.t),
-        ("enu", "best"),
-        np.hstack([_pose(q, best.position), of_pose.reshape(flat)]),
-        np.hstack([_twist(q, best.velocity, rates), of_twist.reshape(flat)]),
-    )
+    pose, twist = _pose(q, best.position), _twist(q, best.velocity, rates)
+    numbers = np.hstack([pose, of_pose.reshape(flat), twist, of_twist.reshape(flat)])
+    return _odometry("best", stamps_of(flight, best.t), numbers)
+
+
+def _odometry(body: str, stamps: Stamps, numbers: Array) -> Channel:
+    """numbers: (N, 85) pose and its covariance (6, 6) in enu, twist and its covariance in the body."""
+    world = _string("enu")
+    return _channel(f"/{body}/odometry", ODOMETRY, stamps, world + _padding(world, 4) + _string(body), numbers)
 
 
 def _pose(q_ned_frd: Array, position: Array) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.kml import places
+from companion.export.paths import places
 from companion.export.table import (
     BOOT_CLOCK,
     Column,
@@ -22,7 +23,7 @@ from companion.export.table import (
     times,
     vectors,
 )
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series, interpolated
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series, TruthTrack, interpolated
 from companion.present import CALIBRATED, QUANTITIES, STATISTICS
 
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
@@ -57,7 +58,7 @@ def _tables(flight: Flight, shown: Replay | None, assessed: Assessment | None) -
     if flight.attitude is not None:
         yield _attitude(flight, flight.attitude)
     if flight.position is not None:
-        yield _position(flight, flight.position)
+        yield _track(flight, "position", flight.position, *_moved(flight.position))
     yield from (series_table(flight, key, series) for key, series in flight.series.items())
     yield from sensor_tables(flight)
     yield from _records(flight)
@@ -78,23 +79,26 @@ def assessed_replay(flight: Flight, assessed: Assessment, reanchor_s: float | No
     return replay(flight.with_imu(track), imu=track.source, how=how, reanchor_s=reanchor_s)
 
 
+class _Timed(Protocol):
+    @property
+    def t(self) -> Array: ...
+    @property
+    def source(self) -> str: ...
+
+
+def _track(flight: Flight, name: str, of: _Timed, *columns: Column, **about: str) -> Table:
+    """Columns beside the times of a track."""
+    return Table(name, (*times(flight, of.t), *columns), {"source": of.source, **about})
+
+
 def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
-    columns = (
-        *times(flight, track.t),
-        *quaternions("q", track.q_ned_frd),
-        *euler_angles("", track.q_ned_frd),
-        *vectors("rate", "radps", track.rates, "FRD"),
-    )
-    return Table("attitude", columns, {"source": track.source, "q": "Hamilton, wxyz, turns FRD vectors into NED"})
+    q, rates = track.q_ned_frd, vectors("rate", "radps", track.rates, "FRD")
+    about = "Hamilton, wxyz, turns FRD vectors into NED"
+    return _track(flight, "attitude", track, *quaternions("q", q), *euler_angles("", q), *rates, q=about)
 
 
-def _position(flight: Flight, track: PositionTrack) -> Table:
-    columns = (
-        *times(flight, track.t),
-        *vectors("position", "m", track.position, "NED"),
-        *vectors("velocity", "mps", track.velocity, "NED"),
-    )
-    return Table("position", columns, {"source": track.source})
+def _moved(track: PositionTrack | TruthTrack) -> tuple[Column, ...]:
+    return (*vectors("position", "m", track.position, "NED"), *vectors("velocity", "mps", track.velocity, "NED"))
 
 
 def _records(flight: Flight) -> Iterator[Table]:
@@ -222,34 +226,22 @@ def imu_table(flight: Flight, track: ImuTrack) -> Table:
         "accel_range_mps2": track.accel_range,
     }
     about = {
-        "source": track.source,
         "instance": str(track.instance),
         "accel": "specific force: (0, 0, -g) at rest and level",
         "bias_removed": "the estimator's" if track.bias_removed else "no",
         "sample": "an instant's" if track.interval is None else "the mean over interval_s, whose middle is t_s",
         **{name: f"{value:.6g}" if isinstance(value, float) else str(value) for name, value in known.items() if value},
     }
-    columns = (
-        *times(flight, track.t),
-        *vectors("gyro", "radps", track.gyro, "FRD"),
-        *vectors("accel", "mps2", track.accel, "FRD"),
-    )
+    columns = (*vectors("gyro", "radps", track.gyro, "FRD"), *vectors("accel", "mps2", track.accel, "FRD"))
     if track.interval is not None:
         columns = (*columns, Column("interval_s", track.interval))
-    return Table(table_name(track.source), columns, about)
+    return _track(flight, table_name(track.source), track, *columns, **about)
 
 
 def series_table(flight: Flight, key: str, series: Series) -> Table:
     frame = "FRD" if key.startswith(("vibration", "magnetometer")) else ""
     columns = (Column(name, series[name], frame) for name in series.columns)
-    return Table(series_name(key), (*times(flight, series.t), *columns), {"source": series.source})
-
-
-class _Timed(Protocol):
-    @property
-    def t(self) -> Array: ...
-    @property
-    def source(self) -> str: ...
+    return _track(flight, series_name(key), series, *columns)
 
 
 def sensor_tables(flight: Flight) -> Iterator[Table]:
@@ -258,10 +250,7 @@ def sensor_tables(flight: Flight) -> Iterator[Table]:
     GPS, compasses and barometers are among the series, but for those that only PX4's drivers report.
     """
     known = {series.source for key, series in flight.series.items() if key.startswith(_AIDING)}
-
-    def table(name: str, of: _Timed, *columns: Column, **about: str) -> Table:
-        return Table(name, (*times(flight, of.t), *columns), {"source": of.source, **about})
-
+    table = partial(_track, flight)
     for gps in flight.gps:
         if gps.source not in known:
             yield table(
@@ -297,8 +286,7 @@ def sensor_tables(flight: Flight) -> Iterator[Table]:
     if flight.aiding_in_use:
         yield _aiding_in_use(flight)
     if (truth := flight.truth) is not None:
-        moved = vectors("position", "m", truth.position, "NED"), vectors("velocity", "mps", truth.velocity, "NED")
-        yield table("truth", truth, *quaternions("q", truth.q_ned_frd), *moved[0], *moved[1])
+        yield table("truth", truth, *quaternions("q", truth.q_ned_frd), *_moved(truth))
 
 
 def _aiding_in_use(flight: Flight) -> Table:

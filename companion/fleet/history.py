@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from companion.app.recording import Recording, read_recording
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.fleet.rows import Row, arrow_table
-from companion.fleet.search import find_logs
+from companion.fleet.search import digest_of, find_logs
 from companion.installation import missing
 from companion.model import CompanionError, DataError, Flight, InputError
 from companion.telemetry import id_parameters
@@ -61,8 +60,7 @@ def _of_logs(folder: Path, settings: Settings, recording: Recording, flight: Fli
 
 def _of_table(table: Path, recording: Recording, flight: Flight) -> Iterator[tuple[Check, ...]]:
     """The rows of each flight of the vehicle, but for those of the log itself."""
-    with recording.source.file.open("rb") as file:
-        own = hashlib.file_digest(file, "sha256").hexdigest()
+    own = digest_of(recording.source.file)
     flights: dict[tuple[object, ...], list[Check]] = {}
     for row in _rows(table):
         who = row["gyros"] or "", (row["autopilot"], row["type"], row["vehicle"].partition(":")[0])

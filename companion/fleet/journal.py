@@ -13,7 +13,6 @@ import os
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import msgspec
@@ -23,10 +22,12 @@ from companion.app.files import check, replacing
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
-from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.search import FoundLog
 from companion.installation import data_folder
 from companion.model import InputError, Vehicle
+
+MEMORY_GB = 4.0  # for one log
+TIMEOUT_S = 600.0
 
 
 class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,7 +132,7 @@ class Journal:
         self._records: dict[str, LogRecord] = {}  # by path
         self._same_size: dict[int, dict[str, LogRecord]] = {}  # size → sha256 → record: content under any name
         self._superseded = 0
-        with _failing("write", folder):
+        with _failing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             check(self._path, force=True)
             for line in _lines(self._path):
@@ -143,9 +144,7 @@ class Journal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def record(self, log: FoundLog) -> LogRecord | None:
@@ -165,7 +164,7 @@ class Journal:
             record = self._same_size[log.size_bytes][record.sha256]
         raw = msgspec.Raw(msgspec.json.encode(record))
         line = _Line(printable(log.path), log.size_bytes, log.stamp, self._version, raw)
-        with _failing("write", self._path):
+        with _failing(self._path):
             self._file.write(msgspec.json.encode(line) + b"\n")
             self._file.flush()
         self._remember(line)
@@ -176,7 +175,7 @@ class Journal:
         self._file.close()
         if self._superseded <= len(self._lines):
             return
-        with _failing("write", self._path), replacing(self._path) as path:
+        with _failing(self._path), replacing(self._path) as path:
             path.write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in self._lines.values()))
 
     def _remember(self, line: _Line) -> None:
@@ -207,8 +206,8 @@ def _lines(path: Path) -> Iterator[_Line]:
 
 
 @contextlib.contextmanager
-def _failing(what: str, path: Path) -> Iterator[None]:
+def _failing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"cannot {what} {path}: {error.strerror}. Choose another folder with -o.") from None
+        raise InputError(f"cannot write {path}: {error.strerror}. Choose another folder with -o.") from None

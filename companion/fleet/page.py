@@ -7,36 +7,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from companion.fleet.digest import (
-    Key,
-    by_concern,
-    count_by_status,
-    count_findings,
-    errors,
-    key_of,
-    reasons,
-    short_names,
-    status_of,
-    worst_ratios,
-)
-from companion.fleet.rows import Row, Rows
+from companion.fleet.rows import JUDGED_S, Key, Row, Rows, key_of, status_of
+from companion.fleet.search import short_names
 from companion.model import counted
 from companion.present import markup, short, words
 from companion.report import Charts, Figure, Panel, Section, sheet, stack
 
 _WORST = 25
-_JUDGED_S = 5.0
 
 
 def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     """The page as HTML that needs no network. about: (what, value) of the run."""
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
-    horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - _JUDGED_S), default=_JUDGED_S)
+    horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - JUDGED_S), default=JUDGED_S)
     after = {key_of(row): row for row in rows.drift if row["horizon_s"] == horizon}
-    ordered = by_concern(rows)
-    by_kind = count_findings(rows)
-    failed = errors(rows)
+    ordered = rows.by_concern()
+    by_kind = rows.count_findings()
+    failed = rows.errors()
     sections = [
         Section("first", "Look at these first", _flights(ordered[:_WORST], rows, names, after, why=True)),
         *_histories(rows, charts, names),
@@ -67,7 +55,7 @@ def _head(rows: Rows) -> str:
     logs = len({row["log"] for row in rows.flights})
     cards = "".join(
         f'<div class="card"><b>{count}</b><span>{markup.text(words(status))}</span></div>'
-        for status, count in count_by_status(rows).items()
+        for status, count in rows.count_by_status().items()
     )
     dates = [row["date_s"] for row in rows.flights if row.get("date_s") is not None]
     days = [_date(t)[:10] for t in (min(dates), max(dates))] if dates else []
@@ -106,14 +94,14 @@ def _flights(
     *,
     why: bool,
 ) -> str:
-    ratios = worst_ratios(rows)
+    ratios = rows.worst_ratios()
 
     def cells(row: Row) -> tuple[object, ...]:
         drift = after.get(key_of(row), {})
         return (
             _named(row, names),
             words(status_of(row)),
-            *([", ".join(map(words, reasons(rows, row)))] if why else []),
+            *([", ".join(map(words, rows.reasons(row)))] if why else []),
             short(ratios.get(key_of(row))),
             short(drift.get("attitude_median_deg")),
             short(drift.get("position_median_m")),
@@ -127,8 +115,8 @@ def _flights(
         return markup.paragraph("No flight could be judged.")
     return markup.table(
         (
-            *("log", "verdict", *(["because"] if why else []), "worst ÷ expected", f"° after {_JUDGED_S:g} s"),
-            *(f"m after {_JUDGED_S:g} s", "Hz", "IMU", "vehicle · boot", "date (UTC)"),
+            *("log", "verdict", *(["because"] if why else []), "worst ÷ expected", f"° after {JUDGED_S:g} s"),
+            *(f"m after {JUDGED_S:g} s", "Hz", "IMU", "vehicle · boot", "date (UTC)"),
         ),
         map(cells, flights),
         words=3 if why else 2,
@@ -205,7 +193,7 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
 
 def finding_bars(by_kind: Sequence[tuple[str, str, int, int]]) -> Figure:
-    """Flights with each kind of finding, as `count_findings` gives them."""
+    """Flights with each kind of finding, as `Rows.count_findings` gives them."""
     severities = {"error": "#e66101", "warning": "#d69100", "info": "#828282"}
     return {
         "data": [

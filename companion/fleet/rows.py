@@ -5,6 +5,7 @@ The unit of a column is at the end of its name and in its metadata.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,24 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-_JUDGED_S = 5.0  # the horizon that verdicts are made at
+STATUSES = ("consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "error")
+Key = tuple[str, str, int]
+"""Log, vehicle, boot."""
+_SEVERITIES = ("error", "warning", "info")
+_SUSPECT = ("imu_suspect", "autopilot_suspect")
+
+
+def key_of(row: Row) -> Key:
+    """Which flight a row of any table is of."""
+    return row["log"], row.get("vehicle", ""), row.get("boot", 0)
+
+
+def status_of(flight: Row) -> str:
+    """One of STATUSES."""
+    return str(flight.get("status") or "error")
+
+
+JUDGED_S = 5.0  # the horizon that verdicts are made at
 _XYZ = ("_x", "_y", "_z")
 _FITTED = (
     ("gyro_bias", "radps", _XYZ), ("accel_bias", "mps2", _XYZ), ("mounting", "rad", _XYZ), ("time_offset", "s", ("",)),
@@ -30,13 +48,66 @@ _FITTED = (
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """What is known of all logs, in the order of their paths, vehicles and boots."""
+    """What is known of all logs, in the order of their paths, vehicles and boots; and the summary of it."""
 
     flights: tuple[Row, ...]  # one per flight; one for a log without any, with its error
     drift: tuple[Row, ...]  # one per flight and horizon
     findings: tuple[Row, ...]  # one per finding
     calibration: tuple[Row, ...]  # one per flight whose IMU could be calibrated
     preflight: tuple[Row, ...] = ()  # one per check before a flight of a vehicle that stands first
+
+    def count_by_status(self) -> dict[str, int]:
+        """Flights of each status, and logs without any as errors; in the order of STATUSES, none that is zero."""
+        counts = Counter(map(status_of, self.flights))
+        return {status: counts[status] for status in STATUSES if status in counts}
+
+    def by_concern(self) -> list[Row]:
+        """Every flight that was examined, the one to look at first foremost.
+
+        By its worst finding, then by how many times the expected error its worst window is off, whatever the verdict.
+        """
+        ranks: dict[Key, int] = {}
+        for row in self.findings:
+            key = key_of(row)
+            ranks[key] = min(ranks.get(key, len(_SEVERITIES)), _SEVERITIES.index(row["severity"]))
+        ratios = self.worst_ratios()
+
+        def rank(row: Row) -> tuple[int, bool, float]:
+            key = key_of(row)
+            return ranks.get(key, len(_SEVERITIES)), status_of(row) not in _SUSPECT, -ratios.get(key, 0.0)
+
+        return sorted((row for row in self.flights if status_of(row) != "error"), key=rank)
+
+    def worst_ratios(self) -> dict[Key, float]:
+        """Flight → its worst window's error over the expected 1σ, of the quantity and horizon where that is largest."""
+        worst: dict[Key, float] = {}
+        for row in self.drift:
+            for quantity in QUANTITIES:
+                error, expected = row.get(quantity.column("max")), row.get(quantity.column("expected"))
+                if error is not None and expected:
+                    worst[key_of(row)] = max(worst.get(key_of(row), 0.0), error / expected)
+        return worst
+
+    def errors(self) -> list[Row]:
+        """The rows without an analysis."""
+        return [row for row in self.flights if status_of(row) == "error"]
+
+    def count_findings(self) -> list[tuple[str, str, int, int]]:
+        """(kind, severity, findings, flights) of each kind, those in most flights first."""
+        by_kind: dict[tuple[str, str], list[Row]] = {}
+        for row in self.findings:
+            by_kind.setdefault((row["kind"], row["severity"]), []).append(row)
+        counted = [
+            (kind, severity, len(of_kind), len(set(map(key_of, of_kind))))
+            for (kind, severity), of_kind in by_kind.items()
+        ]
+        return sorted(counted, key=lambda row: (_SEVERITIES.index(row[1]), -row[3], row[0]))
+
+    def reasons(self, flight: Row) -> list[str]:
+        """The kinds of a flight's findings that are more than information, each once."""
+        key = key_of(flight)
+        of_flight = (row for row in self.findings if row["severity"] != "info" and key_of(row) == key)
+        return list(dict.fromkeys(row["kind"] for row in of_flight))
 
 
 def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
@@ -126,7 +197,7 @@ def _drift_ratio(analysis: Document) -> float | None:
     usable = [row for row in analysis["drift"] if row["expected"] is not None]
     if not usable:
         return None
-    row = min(usable, key=lambda row: abs(row["horizon_s"] - _JUDGED_S))
+    row = min(usable, key=lambda row: abs(row["horizon_s"] - JUDGED_S))
     pairs = [(row[q.attribute], row["expected"][q.attribute]) for q in QUANTITIES]
     return max((measured["median"] / allowed for measured, allowed in pairs if measured and allowed), default=None)
 

@@ -19,8 +19,7 @@ import msgspec
 from companion.app.files import replacing, write
 from companion.app.settings import Settings
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
-from companion.fleet.journal import Journal, LogRecord, Plan, printable, version_of
-from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
+from companion.fleet.journal import MEMORY_GB, TIMEOUT_S, Journal, LogRecord, Plan, printable, version_of
 from companion.fleet.page import fleet_html
 from companion.fleet.rows import COLUMNS, Rows, arrow_table, rows_of
 from companion.fleet.search import FoundLog
@@ -70,7 +69,8 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
     Ctrl-C ends the run early and is no error: see `Fleet.complete`. Raises InputError for a missing library, a folder
     that cannot be written to and a scheduler that does not answer; what was examined by then is kept.
     """
-    _require("pyarrow", "the tables are written")
+    if find_spec("pyarrow") is None:  # before any work is done
+        raise missing("fleet", "the tables are written with pyarrow")
     version = version_of(run.settings, run.imu, run.imu_model)
     plan = Plan(
         version=version,
@@ -102,12 +102,6 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
             records = [(log, done[log.path]) for log in logs if log.path in done]
             written = write_results(run.folder, records, _about(run, version))
     return Fleet(rows_of(records), len(logs), len(done) - unchanged, unchanged, tuple(written))
-
-
-def _require(library: str, purpose: str) -> None:
-    """Raises InputError with the line that installs it, before any work is done."""
-    if find_spec(library) is None:
-        raise missing("fleet", f"{purpose} with {library}")
 
 
 def _again(run: FleetRun, record: LogRecord) -> bool:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 import stat
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +61,26 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
         )
     logs = tuple(sorted(walk.logs.values(), key=lambda log: log.path))
     return Search(logs, tuple(walk.no_logs), tuple(walk.closed))
+
+
+def short_names(paths: Sequence[str]) -> dict[str, str]:
+    """Each path by as many of its last parts as make it unique."""
+    short: dict[str, str] = {}
+    waiting, parts = sorted(set(paths)), 1
+    while waiting:
+        names = {path: "/".join(path.replace("\\", "/").split("/")[-parts:]) for path in waiting}
+        counts = Counter(names.values())
+        whole = {path for path, name in names.items() if len(name) >= len(path)}
+        short |= {path: name for path, name in names.items() if counts[name] == 1 or path in whole}
+        waiting = [path for path in waiting if path not in short]
+        parts += 1
+    return short
+
+
+def digest_of(path: str | Path) -> str:
+    """The sha256 of a file. Raises OSError where it cannot be read."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 class _Walk:

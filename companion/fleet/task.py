@@ -6,14 +6,15 @@ And a report of each flight, into the folder of the results, where requested.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
-import hashlib
 import re
 import signal
 import socket
 import sys
+import threading
 import warnings
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -26,9 +27,8 @@ from companion.app.settings import Settings
 from companion.documents import analysis_document
 from companion.fleet.history import checks_of, gyros_of
 from companion.fleet.journal import FlightRecord, LogRecord, Plan, printable, version_of
-from companion.fleet.limits import TimeUpError, limited
 from companion.fleet.rows import arrow_tables, rows_of
-from companion.fleet.search import FoundLog
+from companion.fleet.search import FoundLog, digest_of
 from companion.model import CompanionError, DataError, Flight, InputError
 from companion.report import report_html
 from companion.telemetry import id_parameters
@@ -51,15 +51,17 @@ def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
                 arrow_tables(rows_of([(FoundLog(path, 0, ""), record)]))  # what cannot be written is this log's error
             return msgspec.json.encode(record)
     except (Exception, TimeUpError) as error:  # noqa: BLE001  (the border between processes: not every exception survives the journey)
-        return msgspec.json.encode(LogRecord(sha256=_digest(path), error=_in_words(error)))
+        digest = None
+        with contextlib.suppress(OSError):
+            digest = digest_of(path)
+        return msgspec.json.encode(LogRecord(sha256=digest, error=_in_words(error)))
 
 
 def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
     if complaint := _unfit(plan):
         return LogRecord(error=f"on {socket.gethostname()}: {complaint}", settled=False)
     try:
-        with Path(path).open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        digest = digest_of(path)
     except OSError as error:
         where = f"on {socket.gethostname()}: {printable(path)} cannot be read ({error.strerror})"
         return LogRecord(
@@ -118,14 +120,6 @@ def _date(flight: Flight) -> float | None:
         return None
     date = flight.epoch.unix_s + flight.start
     return date if 0.0 <= date < _NO_CALENDAR_S else None
-
-
-def _digest(path: str) -> str | None:
-    try:
-        with Path(path).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
 
 
 def _in_words(error: BaseException) -> str:
@@ -229,3 +223,63 @@ def temperatures(flight: Flight) -> dict[str, float]:
     read = {name: one["temperature_degc"] for name, one in series.items() if one is not None}
     finite = {name: values[np.isfinite(values)] for name, values in read.items()}
     return {name: float(np.median(values)) for name, values in finite.items() if len(values)}
+
+
+class TimeUpError(BaseException):
+    """The time of a log is up. No Exception, so that no handler in the analysis catches it."""
+
+
+@contextlib.contextmanager
+def limited(memory_gb: float, timeout_s: float) -> Iterator[None]:
+    """Limits inside: MemoryError beyond so much more memory, InputError after so long.
+
+    A log that exceeds them is an error in its row alone.
+    """
+    with _memory(memory_gb), _time(timeout_s):
+        yield
+
+
+@contextlib.contextmanager
+def _memory(gigabytes: float) -> Iterator[None]:
+    """Of the data of this process, on Linux; other systems do not count it so."""
+    try:
+        import resource  # noqa: PLC0415  (not on Windows)
+
+        with open("/proc/self/statm", encoding="ascii") as file:  # noqa: PTH123
+            used = int(file.read().split()[5]) * resource.getpagesize()
+    except (ImportError, OSError):
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    most = used + round(gigabytes * 1e9)
+    allowed = most if before[1] == resource.RLIM_INFINITY else min(most, before[1])
+    resource.setrlimit(resource.RLIMIT_DATA, (allowed, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+@contextlib.contextmanager
+def _time(seconds: float) -> Iterator[None]:
+    """By an exception in this thread: signals are for the main thread, and a worker's tasks are not in it."""
+    lock, over, working = threading.Lock(), [False], threading.get_ident()
+
+    def interrupt() -> None:
+        with lock:
+            if not over[0]:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(working), ctypes.py_object(TimeUpError))
+
+    timer = threading.Timer(seconds, interrupt)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except TimeUpError:
+        raise InputError(
+            f"it takes longer than the {seconds:g} s that a log is given. Give it more: --timeout S --retry"
+        ) from None
+    finally:
+        with lock:
+            over[0] = True
+        timer.cancel()

@@ -71,11 +71,11 @@ class LiveFeed:
 
     @property
     def reanchor_s(self) -> float:
-        return self._watch.reanchor_s
+        return self._watch.replay.reanchor_s
 
     @reanchor_s.setter
     def reanchor_s(self, seconds: float) -> None:
-        self._watch.reanchor_s = seconds
+        self._watch.replay.reanchor_s = seconds
 
     @property
     def status(self) -> LiveStatus:
@@ -91,7 +91,7 @@ class LiveFeed:
             self._verdict.read(shown, silent=silent),
             [self._verdict.read(name, silent=silent) for name in others],
             self._watch.why_not,
-            self._watch.vehicles,
+            self._watch.replay.vehicles,
             tuple(self._messages),
             self._watch.drift,
             self._preflight,
@@ -134,7 +134,7 @@ class LiveFeed:
         return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:
-        self._watch.pick(vehicle)
+        self._watch.replay.vehicle = vehicle
 
     def anchor_now(self) -> None:
         self._watch.anchor_now()

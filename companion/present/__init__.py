@@ -2,13 +2,6 @@
 
 from companion.model import words
 from companion.present import markup, palette
-from companion.present.calibration import (
-    CALIBRATED,
-    by_best_estimate,
-    held_out_gain,
-    level_force,
-    not_observable,
-)
 from companion.present.checks import (
     OUTCOMES,
     judgement_lines,
@@ -53,13 +46,18 @@ from companion.present.markup import details, html_table, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 from companion.present.tables import (
     AXES,
+    CALIBRATED,
     QUANTITIES,
     STATISTICS,
     Cell,
     Table,
     agreement_table,
+    by_best_estimate,
     dominant,
     drift_table,
     expected_table,
+    held_out_gain,
+    level_force,
+    not_observable,
     redundant_imus_table,
 )

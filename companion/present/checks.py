@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from companion.analysis import FLOWN, Ageing, Check, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, Preflight
+from companion.analysis import FLOWN, Ageing, Check, LaneInSpan, Lanes, LaneSpan, LaneSwitch, Preflight
 from companion.analysis import percent as probability
 from companion.model import words
 from companion.present.formats import capitalised, fixed, shown_unit, with_unit
-from companion.present.tables import Cell, Column, Table
+from companion.present.tables import Table, text_table
 
 _SWITCHED = {
     "right": "right",
@@ -103,22 +103,18 @@ def counterfactual_words(span: LaneSpan) -> Iterator[str]:
 def lane_table(span: LaneSpan) -> Table:
     """A row for each lane: the 95 % of its errors, and how likely it is the nearest."""
     quantities = {e.quantity: shown_unit(e.unit) for one in span.lanes for e in one.errors}
-    columns = (
-        Column("lane", is_text=True), Column("flown", is_text=True), Column("nearest", is_text=True),
-        *(Column(f"{name}, {unit}", is_text=True) for name, (unit, _) in quantities.items()), Column("", is_text=True),
-    )  # fmt: skip
+    titles = ["lane", "flown", "nearest", *(f"{name}, {unit}" for name, (unit, _) in quantities.items()), ""]
     rows = []
     for one in span.lanes:
         errors = {e.quantity: e for e in one.errors}
         flown = "yes" if one.lane in (*span.flown, FLOWN) else ""
-        cells: list[Cell] = [one.lane, flown, "-" if one.nearest is None else probability(one.nearest)]
-        cells += [_cell(errors.get(name), factor) for name, (_, factor) in quantities.items()]
+        cells = [one.lane, flown, "-" if one.nearest is None else probability(one.nearest)]
+        cells += [
+            _plus_minus(e.p95, e.sigma, factor) if (e := errors.get(name)) is not None else "-"
+            for name, (_, factor) in quantities.items()
+        ]
         rows.append((*cells, "off" if one.off else ""))
-    return Table(columns, tuple(rows))
-
-
-def _cell(error: LaneError | None, factor: float) -> str:
-    return "-" if error is None else f"{fixed(error.p95 * factor)} ± {fixed(error.sigma * factor)}"
+    return text_table(titles, rows)
 
 
 def _worst(one: LaneInSpan) -> str:
@@ -131,7 +127,11 @@ def _size(value: float, sigma: float, quantity: str) -> str:
     unit, factor = shown_unit({"tilt": "rad", "heading": "rad", "velocity": "m/s"}.get(quantity, "m"))
     if not math.isfinite(value):
         return "unknown"
-    return with_unit(f"{fixed(value * factor)} ± {fixed(sigma * factor)}", unit)
+    return with_unit(_plus_minus(value, sigma, factor), unit)
+
+
+def _plus_minus(value: float, sigma: float, factor: float) -> str:
+    return f"{fixed(value * factor)} ± {fixed(sigma * factor)}"
 
 
 OUTCOMES = {"go": "go", "no_go": "NO-GO", "unknown": "cannot tell"}
@@ -162,24 +162,18 @@ def preflight_table(result: Preflight, aged: Sequence[Ageing] = ()) -> Table:
     order = {"no_go": 0, "unknown": 1, "go": 2}
     rows = []
     for one in sorted(result.checks, key=lambda c: order[c.outcome]):
-        cells: list[Cell] = [
-            OUTCOMES[one.outcome],
-            capitalised(words(one.name)),
-            one.sensor,
-            _check_size(one),
-            _limit(one),
-        ]
+        cells = [OUTCOMES[one.outcome], capitalised(words(one.name)), one.sensor, _check_size(one), _limit(one)]
         if aged:
             cells.append(_before(one, before.get((one.name, one.sensor))))
         rows.append((*cells, _autopilot(one)))
-    return Table(tuple(Column(title, is_text=True) for title in titles), tuple(rows))
+    return text_table(titles, rows)
 
 
 def _check_size(one: Check) -> str:
     if one.name in _COUNTED or not one.limit:
         return one.note
     unit, factor = _unit(one.unit)
-    return with_unit(f"{fixed(one.size * factor)} ± {fixed(one.sigma * factor)}", unit)
+    return with_unit(_plus_minus(one.size, one.sigma, factor), unit)
 
 
 def _limit(one: Check) -> str:

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-import threading
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
-from companion.links import open_port, parse_address
-from companion.simulate import SimulatedVehicle, fly, serve
 from tests.documents.test_keys import KEYS, differences
 from tests.recordings import BUNDLED
-from tests.simulated import free_port
-from tests.waiting import LIMIT_S
+from tests.simulated import flying, free_port
 
 pytestmark = pytest.mark.slow
 
@@ -34,16 +30,8 @@ def test_the_demo_is_fit_to_fly(capsys: Captured) -> None:
 
 def test_a_link_is_listened_to_and_checked(tmp_path: Path, capsys: Captured) -> None:
     port, kept = free_port(), tmp_path / "kept.tlog"
-    end, over = open_port(parse_address(f"udpout:127.0.0.1:{port}")), threading.Event()
-    vehicle = SimulatedVehicle(fly(3 * LIMIT_S, motion="rest"))
-    thread = threading.Thread(target=serve, args=(vehicle, end), kwargs={"stop": over.is_set})
-    thread.start()
-    try:
+    with flying(port, motion="rest"):
         code = main(["preflight", f"udpin:127.0.0.1:{port}", "--duration", "8", "-o", str(kept)])
-    finally:
-        over.set()
-        thread.join()
-        end.close()
     printed = capsys.readouterr()
     assert code == 0, printed.err
     assert printed.out.startswith("GO: ")

@@ -9,7 +9,6 @@ import re
 import signal
 import socket
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from tests.links.link import link_frames
 from tests.links.peers import deaf, listener
 from tests.processes import COMPANION, Process, ended, started
 from tests.simulated import flying, free_port
-from tests.waiting import LIMIT_S, wait_for
+from tests.waiting import LIMIT_S, meanwhile, wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -203,11 +202,8 @@ def test_a_deleted_recording_is_said_at_once(tmp_path: Path, capsys: pytest.Capt
         wait_for(lambda: size(log) > 5000)
         log.unlink()
 
-    deleting = threading.Thread(target=delete)
-    with flying(port):
-        deleting.start()
+    with meanwhile(delete), flying(port):
         assert main(["record", f"udpin:127.0.0.1:{port}", "-o", str(log), "--duration", "60"]) == 2
-    deleting.join()
     said, told = capsys.readouterr()
     assert re.search(r"has been deleted: the recording ends here, and its [\d,]+ frames are lost", told)
     assert said.endswith(": 0 bytes, 0 frames\n")
@@ -265,13 +261,10 @@ def test_a_page_that_fails_leaves_the_recording_alone(
         wait_for(lambda: size(log) > 20_000)
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr("companion.cli.view_link.LiveViewer", broken)
+    monkeypatch.setattr("companion.view.LiveViewer", broken)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    ending = threading.Thread(target=end)
-    with flying(port):
-        ending.start()
+    with meanwhile(end), flying(port):
         assert main(["view", f"udpin:127.0.0.1:{port}", "-o", str(log), "--port", str(free_port())]) == 0
-    ending.join()
     assert "The page has ended. The recording goes on" in capsys.readouterr().err
     assert size(log) > 20_000
 
@@ -338,11 +331,8 @@ def test_a_vehicle_that_comes_later_is_waited_for(tmp_path: Path) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
 
     said = io.StringIO()
-    coming = threading.Thread(target=come)
-    coming.start()
-    with contextlib.redirect_stderr(said):
+    with meanwhile(come), contextlib.redirect_stderr(said):
         assert main(["record", f"tcp:127.0.0.1:{port}", "-o", str(path), "--wait", "inf"]) == 0
-    coming.join()
     assert said.getvalue().count("Waiting") == 1
 
 
@@ -362,11 +352,8 @@ def test_a_port_of_px4_with_one_partner_is_warned_of_before_anything_is_sent(
             os.kill(os.getpid(), signal.SIGINT)
 
         said = io.StringIO()
-        ending = threading.Thread(target=end)
-        ending.start()
-        with contextlib.redirect_stderr(said):
+        with meanwhile(end), contextlib.redirect_stderr(said):
             assert main(["record", f"udpout:127.0.0.1:{port}"]) == 2
-        ending.join()
         with pytest.raises(BlockingIOError):
             px4.recv(1)
     assert "has been left alone: nothing was sent" in said.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import re
 import signal
@@ -23,7 +22,7 @@ from tests.processes import COMPANION, ended, next_line, started
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
 from tests.tlogs import Writer
-from tests.waiting import wait_for
+from tests.waiting import meanwhile, wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -150,10 +149,8 @@ def test_a_server_waits_for_its_client(tmp_path: Path, capsys: pytest.CaptureFix
             while piece := end.recv(65536):
                 heard.extend(piece)
 
-    thread = threading.Thread(target=connect)
-    thread.start()
-    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "20"]) == 0
-    thread.join()
+    with meanwhile(connect):
+        assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "20"]) == 0
     assert bytes(heard) == b"".join(frames(log))
     assert "nobody has connected; waiting" in capsys.readouterr().err
 
@@ -176,10 +173,8 @@ def test_a_client_that_does_not_read_is_waited_for(
 
     prepare = transports._prepare
     monkeypatch.setattr(transports, "_prepare", small)
-    thread = threading.Thread(target=connect)
-    thread.start()
-    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "1000"]) == 0
-    thread.join()
+    with meanwhile(connect):
+        assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "1000"]) == 0
     assert bytes(heard) == b"".join(sent)
     assert f"sent {len(sent):,} frames" in capsys.readouterr().out
 
@@ -191,10 +186,8 @@ def test_what_nobody_was_there_to_hear_is_counted(tmp_path: Path, capsys: pytest
         with connected(port) as end:
             end.recv(100)
 
-    thread = threading.Thread(target=connect)
-    thread.start()
-    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "4"]) == 0
-    thread.join()
+    with meanwhile(connect):
+        assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "4"]) == 0
     said = capsys.readouterr()
     unheard = int(re.search(r"([\d,]+) frames more were due while nobody was there", said.err)[1])  # type: ignore[index]
     sent = int(re.search(r"sent ([\d,]+) frames", said.out)[1])  # type: ignore[index]
@@ -243,14 +236,7 @@ def test_what_cannot_be_replayed_is_said(
 def test_nothing_but_the_command_can_replay() -> None:
     """What speaks with vehicles goes through the allow-list of `requests`, and has no way to this."""
     package = Path(companion.__file__).parent
-    users = set()
-    for path in package.rglob("*.py"):
-        names = [
-            alias.name
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("companion.links")
-            for alias in node.names
-        ]
-        if "play" in names:
-            users.add(str(path.relative_to(package)))
+    imported = re.compile(r"from companion\.links[\w.]* import (\([^)]*|[^(\n]*)\bplay\b")
+    modules = [path for path in package.rglob("*.py") if imported.search(path.read_text(encoding="utf-8"))]
+    users = {path.relative_to(package).as_posix() for path in modules}
     assert users == {"links/__init__.py", "cli/replay.py"}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from companion.cli import main
-from tests.recordings import BUNDLED
+from tests.recordings import BUNDLED, beginning
 from tests.tlogs import Writer
 
 KEYS = json.loads(Path(__file__).with_name("keys.json").read_text(encoding="utf-8"))
@@ -51,7 +51,8 @@ def _of_leaf(value: Any, shape: str, where: str) -> list[str]:
     ("name", "arguments"),
     [
         ("info", ["info", DEMO]),
-        ("analyze", ["analyze", DEMO, "--anchor", "rest", "--confusion"]),
+        ("analyze", ["analyze", DEMO, "--anchor", "rest"]),
+        ("analyze", ["analyze", "its beginning", "--confusion"]),
         ("compare", ["compare", DEMO, "--method-b", "euler"]),
         ("noise", ["noise", DEMO]),
         ("smooth", ["smooth", DEMO]),
@@ -59,8 +60,11 @@ def _of_leaf(value: Any, shape: str, where: str) -> list[str]:
         ("series", ["series", DEMO, "position", "--points", "5"]),
     ],
 )
-def test_a_document_has_its_keys(name: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*arguments, "--json"]) == 0
+def test_a_document_has_its_keys(
+    name: str, arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    its_beginning = str(beginning(Path(DEMO), tmp_path))
+    assert main([*(its_beginning if word == "its beginning" else word for word in arguments), "--json"]) == 0
     assert differences(json.loads(capsys.readouterr().out), KEYS[name], name) == []
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from companion.fleet import by_concern, worst_ratios
 from companion.fleet.rows import Rows
 
 
@@ -34,13 +33,13 @@ def test_the_worst_finding_comes_first_then_the_worst_window() -> None:
         (found("frozen", "error"), found("frozen", "info"), found("poor", "warning")),
         (),
     )
-    assert [row["log"] for row in by_concern(rows)] == ["frozen", "poor", "jump", "calm"]
-    ratios = worst_ratios(rows)
+    assert [row["log"] for row in rows.by_concern()] == ["frozen", "poor", "jump", "calm"]
+    ratios = rows.worst_ratios()
     assert ratios["jump", "1:1", 1] == pytest.approx(27.5)
     assert ratios["calm", "1:1", 1] == pytest.approx(4.0), "at the horizon where it is largest"
 
 
 def test_without_an_expectation_there_is_no_ratio() -> None:
     rows = Rows((key("a") | {"status": "consistent"},), (drift("a", 5.0, None), drift("a", 5.0, 0.0)), (), ())
-    assert worst_ratios(rows) == {}
-    assert len(by_concern(rows)) == 1
+    assert rows.worst_ratios() == {}
+    assert len(rows.by_concern()) == 1

@@ -22,12 +22,11 @@ import pytest
 
 from companion.app.settings import Settings
 from companion.cli import main
-from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
+from companion.fleet import TIMEOUT_S, FleetRun, FoundLog, cluster, run_fleet
 from companion.fleet.journal import LogRecord, Plan, version_of
-from companion.fleet.limits import TIMEOUT_S, limited
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.run import write_results
-from companion.fleet.task import decode, examine_log
+from companion.fleet.task import decode, examine_log, limited
 from companion.model import InputError
 from tests.fleet.conftest import copies, table, with_workers
 from tests.processes import ended

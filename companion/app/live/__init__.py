@@ -3,5 +3,4 @@
 from companion.app.live.attachment import Attachment
 from companion.app.live.judge import HORIZON_S, Judge, Judging, NothingYetError
 from companion.app.live.judges import PAUSE_S, Judges, Pace
-from companion.app.live.replay import LiveReplay, Present
-from companion.app.live.watch import Watch
+from companion.app.live.watch import LiveReplay, Watch

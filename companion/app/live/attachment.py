@@ -52,17 +52,11 @@ class Attachment:
     def fetch(self) -> list[Receipt]:
         """What has arrived since the last time. For one thread."""
         self._arrived.clear()
-        fetched: list[Receipt] = []
-        while self._receipts:
-            fetched.append(self._receipts.popleft())
-        return fetched
+        return [self._receipts.popleft() for _ in range(len(self._receipts))]
 
     def notices(self) -> list[str]:
         """The sentences for the user since the last time. For one thread."""
-        sentences: list[str] = []
-        while self._said:
-            sentences.append(self._said.popleft())
-        return sentences
+        return [self._said.popleft() for _ in range(len(self._said))]
 
     def check(self) -> None:
         """Raise what has ended the thread, if anything: InputError where the link carries no MAVLink."""

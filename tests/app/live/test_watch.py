@@ -119,9 +119,9 @@ def test_two_vehicles_do_not_take_turns_and_can_be_switched() -> None:
             return {str(each.present.flight.vehicle) for each in seen if each is not None}
 
         (first,) = shown(22.0)
-        assert len(watching.vehicles) == 2
-        other = next(vehicle for vehicle in watching.vehicles if vehicle != first)
-        watching.pick(other)
+        assert len(watching.replay.vehicles) == 2
+        other = next(vehicle for vehicle in watching.replay.vehicles if vehicle != first)
+        watching.replay.vehicle = other
         assert shown(24.0) == {other}
 
 

@@ -1,5 +1,7 @@
-"""The libraries that companion needs and those of its extras: which are installed, which are too old, and the command
-that adds an extra, by the tool that installed companion: pip, pipx or uv.
+"""The installation: settings and bundled flights, the libraries that companion needs, and those of its extras.
+
+Which are installed, which are too old, and the command that adds an extra, by the tool that installed companion: pip,
+pipx or uv.
 """
 
 from __future__ import annotations
@@ -13,12 +15,33 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import Distribution, PackageNotFoundError, distribution, version
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from companion.model import InputError
+
+DEMO = "demo"
+"""The name of the bundled flight, in place of a path."""
+
+
+def data_folder(name: Literal["config", "tlogs"]) -> Path:
+    """The folder of settings or bundled flights. Raises InputError when the installation has neither."""
+    package = Path(str(files("companion")))
+    for folder in (package / "data" / name, package.parent / name):
+        if folder.is_dir():
+            return folder
+    raise InputError(f"this installation has no {name}/ folder. Install companion again, or run it from a checkout.")
+
+
+def log_path(name: str | Path) -> Path:
+    """The path of a log: `demo` is the bundled flight, unless there is a file of that name."""
+    if str(name) == DEMO and not Path(name).exists():
+        return data_folder("tlogs") / "copter-demo-100hz.tlog"
+    return Path(name)
+
 
 EXTRAS = {
     "report": "charts in a notebook",
