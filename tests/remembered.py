@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.quantities import LazyTuple
 
 try:
     import fcntl

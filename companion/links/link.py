@@ -82,9 +82,8 @@ class Link:
         self.health = LinkHealth()
         if listen_only and self.address.kind == "udpout":
             raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")
-        self._packer = Packer(sysid, compid, dialect=dialect, signing_key=signing_key)
-        self._compid, self._dialect_name, self._signing_key = compid, dialect, signing_key
-        self._aboard: tuple[int, Packer] | None = None  # who speaks as a component of that system
+        self._compid, self._signing_key = compid, signing_key
+        self._packers: dict[int, Packer] = {}  # system id as which the companion speaks → with a sequence of its own
         self._verifier = Verifier(signing_key) if signing_key is not None else None
         self._decoder = Decoder(self.dialect, stamped=False, unknown=True)
         self.health.damage = self._decoder.damage
@@ -165,21 +164,23 @@ class Link:
             raise ForbiddenMessageError(f"companion sends {ANNOUNCEMENT} only where it was asked to announce")
         if aboard is not None and request.name != ANNOUNCEMENT:
             raise ForbiddenMessageError(f"companion sends {request.name} as itself")
-        packer = self._packer if aboard is None else self._packer_aboard(aboard)
+        own = self.sysid if aboard is None else aboard
+        if own not in self._packers:
+            self._packers[own] = Packer(own, self._compid, dialect=self.dialect.name, signing_key=self._signing_key)
         modern = self._modern or not self.health.frames
         for version in (2,) if modern else (1, 2) if request.name == "HEARTBEAT" else (1,):
-            self._port.write(packer.pack(request.name, request.fields, version=version))
+            self._port.write(self._packers[own].pack(request.name, request.fields, version=version))
         self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
 
     def lost_lately(self, sender: tuple[int, int]) -> float:
         """The share of a sender's frames that was lost in the last ten seconds, 0 to 1."""
         now, lost = time.monotonic(), self.health.lost.get(sender, 0)
-        if now - self._shares.get(sender, (0.0, 0, 0, 0.0))[0] > _LATELY_S:
-            _, lost_then, received_then, _ = self._shares.get(sender, (0.0, 0, 0, 0.0))
+        when, lost_then, received_then, share = self._shares.get(sender, (0.0, 0, 0, 0.0))
+        if now - when > _LATELY_S:
             missing, came = lost - lost_then, self.health.received.get(sender, 0) - received_then
             share = max(missing, 0) / max(missing + came, 1)
             self._shares[sender] = (now, lost, received_then + came, share)
-        return self._shares[sender][3]
+        return share
 
     def restarted(self, sender: tuple[int, int], when: float) -> None:
         """A vehicle has rebooted, s of `time.monotonic()`: its sequence began anew, which is no loss."""
@@ -189,13 +190,6 @@ class Link:
             if before:
                 self._counted[sender] = deque([(when, before)], maxlen=_REMEMBERED)
         self._sequence.pop(sender, None)
-
-    def _packer_aboard(self, sysid: int) -> Packer:
-        """Who speaks as a component of a vehicle: with a sequence of its own."""
-        if self._aboard is None or self._aboard[0] != sysid:
-            packer = Packer(sysid, self._compid, dialect=self._dialect_name, signing_key=self._signing_key)
-            self._aboard = sysid, packer
-        return self._aboard[1]
 
     def close(self) -> None:
         """Give the port back."""

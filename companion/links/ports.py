@@ -16,7 +16,7 @@ DEFAULT_BAUD = 115_200
 """What USB flight controllers ignore and most telemetry ports of the boards use; SiK radios are set to 57600."""
 
 _NETWORK = re.compile(r"(udpin|udpout|udp|tcpin|tcp):(?:(.*):)?(\d+)")
-_SCHEMES = ("udpin", "udpout", "udp", "tcpin", "tcp")
+_KINDS: dict[str, Kind] = {"udpin": "udpin", "udpout": "udpout", "udp": "udpin", "tcpin": "tcpin", "tcp": "tcp"}
 _PLACE = re.compile(r"(.*:)?\d+")
 _SERIAL = re.compile(r"(?:serial:)?(/.+?|COM\d+)(?::(\d+))?", re.IGNORECASE)
 _MEANT = re.compile(r"(udp|tcp)\w*(:|$)|serial:|/dev/(tty|serial/|cu|rfcomm)|COM\d+(:|$)", re.IGNORECASE)
@@ -50,7 +50,7 @@ def is_link(text: str) -> bool:
 def meant_link(text: str) -> str:
     """The link that was probably meant: udp:14550 for upd:14550. "" where it does not look like one."""
     scheme, _, rest = text.partition(":")
-    near = nearest_word(scheme, _SCHEMES) if _PLACE.fullmatch(rest) else ""
+    near = nearest_word(scheme, _KINDS) if _PLACE.fullmatch(rest) else ""
     return f"{near}:{rest}" if near else ""
 
 
@@ -64,8 +64,7 @@ def parse_address(text: str) -> Address:
             raise InputError(f"{text} names no port to send to: 0 is none.")
         if not host:
             host = "0.0.0.0" if kind in ("udp", "udpin", "tcpin") else "127.0.0.1"
-        kinds: dict[str, Kind] = {"udp": "udpin", "udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpin": "tcpin"}
-        return Address(kinds[kind], host.strip("[]"), port)
+        return Address(_KINDS[kind], host.strip("[]"), port)
     if match := _SERIAL.fullmatch(text):
         if not (baud := int(match[2] or DEFAULT_BAUD)):
             raise InputError(f"{text} names no baud rate: 0 is none.")

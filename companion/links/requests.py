@@ -1,5 +1,5 @@
 """What the companion may say to a vehicle. This is the whole of it: everything else raises. (`companion
-replay` plays a recording to clients, and never to a serial port: `playback`.)
+replay` plays a recording to clients, and never to a serial port: `recordings`.)
 
 Nothing here moves, arms or configures a vehicle. The companion looks on; it asks for data and for nothing more.
 """

@@ -48,10 +48,6 @@ class OriginalRate:
         whole = all(isinstance(one, int) and abs(one) < _LONGEST_US for one in intervals) and self.asked_us is not None
         return whole and isinstance(self.found_hz, int | float) and 0 <= self.found_hz < _MOST_HZ
 
-    def is_ours(self, interval_us: int) -> bool:
-        """Whether an interval is the one that a companion requested: then it is not the vehicle's own."""
-        return is_same(interval_us, self.asked_us)
-
 
 class OriginalRatesFile:
     """What one vehicle on one link sent before: read when it is made, written whenever something is added.
@@ -142,7 +138,7 @@ class _Message:
         if self.interval_us == _STOP:
             return interval_us <= 0
         if self.interval_us == _DEFAULT:  # nobody says what that is
-            return not self.before.is_ours(interval_us)
+            return not is_same(interval_us, self.before.asked_us)
         return is_same(interval_us, self.interval_us)
 
 

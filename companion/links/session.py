@@ -5,16 +5,15 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from companion.links import requests
 from companion.links.link import Link
-from companion.links.recorder import Recorder
-from companion.links.request_table import desired_from, fit
+from companion.links.recordings import Recorder
+from companion.links.request_table import StreamRequest, desired_from, fit
 from companion.links.requests import Target
 from companion.links.restoration import OriginalRatesFile, original_rates_path
 from companion.links.stream_manager import StreamManager
-from companion.links.stream_request import RequestState
 from companion.links.vehicle_facts import Clock
 from companion.links.vehicles import MOST_VEHICLES, Vehicles, VehicleSession
 from companion.mavlink import Frames, Messages, split_messages
@@ -34,23 +33,13 @@ _IMU_WITHIN_S = 3.0  # of the request; who sends none makes room for a vehicle t
 
 
 @dataclass(frozen=True, slots=True)
-class Arriving:
-    """One message that is requested."""
-
-    name: str
-    desired_hz: float
-    received_hz: float  # over the last 5 s
-    state: RequestState
-
-
-@dataclass(frozen=True, slots=True)
 class Report:
     """How a session stands: plain values, to be read in any thread."""
 
     link: str
     problem: str  # why nothing is received at present; "" while frames arrive
     vehicles: tuple[str, ...]  # every autopilot received
-    arriving: tuple[Arriving, ...]
+    arriving: tuple[StreamRequest, ...]  # as they stood; where several vehicles send, by their ids and names
     frames: int
     lost: int  # frames of the vehicles with requests, missing by sequence
     lost_by: Mapping[str, float]  # SYSID:COMPID of each of these → share of its frames that is missing, 0 to 1
@@ -190,18 +179,18 @@ class Session:
         """How it stands."""
         link, recorder = self.link, self.recorder
         several = len(self.requested) > 1
-        stream_requests = [
-            (f"{vehicle.target} {message.name}" if several else message.name, message)
+        arriving = tuple(
+            replace(message, name=f"{vehicle.target} {message.name}" if several else message.name)
             for vehicle in self.requested.values()
             if vehicle.rates
             for message in vehicle.rates.stream_requests
-        ]
+        )
         first = next(iter(self.requested.values()), None)
         return Report(
             link=str(link.address),
             problem=link.problem,
             vehicles=tuple(map(str, self.vehicles)),
-            arriving=tuple(Arriving(name, w.desired_hz, w.received_hz, w.state) for name, w in stream_requests),
+            arriving=arriving,
             frames=link.health.frames,
             lost=sum(link.health.lost.get(ids, 0) for ids in self._requested_ids),
             lost_by=self.lost,

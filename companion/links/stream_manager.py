@@ -12,20 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from companion.links import requests
-from companion.links.request_table import OPTIONAL, STREAMS, ThinLink
+from companion.links import request_table, requests
+from companion.links.request_table import STREAMS, RequestState, StreamRequest, slower
 from companion.links.requests import Request, Target, results
-from companion.links.restoration import NOT_SENT, OriginalRate, OriginalRatesFile, Restoration
-from companion.links.stream_request import (
-    ABSENT,
-    REFUSES,
-    SIGNS,
-    WITHOUT,
-    Gathered,
-    RequestState,
-    StreamRequest,
-    slower,
-)
+from companion.links.restoration import NOT_SENT, OriginalRate, OriginalRatesFile, Restoration, is_same
 from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
 
@@ -63,10 +53,11 @@ class StreamManager:
     ) -> None:
         self.target = target
         self.stream_requests = [
-            StreamRequest(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in desired.items()
+            StreamRequest(name, dialect.by_name[name].id, hz, hz, optional=name in request_table.OPTIONAL)
+            for name, hz in desired.items()
         ]
         self.lost_share = 0.0  # of the vehicle's frames, lately
-        self._thin = ThinLink(dialect, scales=not ardupilot)
+        self._thin = request_table.ThinLink(dialect, scales=not ardupilot)
         self.signed = False  # whether the vehicle signs, and we have no key
         self.reported: list[str] = [] if reported is None else reported  # for the user; emptied by whoever shows it
         self._own = own_sysid
@@ -80,7 +71,7 @@ class StreamManager:
         self._received: float | None = None  # s, when the vehicle was received last
         self._streamed: float | None = None  # s, when something that we requested came last
         self._restarts = 0
-        self._gathered = Gathered()
+        self._gathered = request_table.Gathered()
         self._earlier = earlier or OriginalRatesFile()
         self._ids = {name: message.id for name, message in dialect.by_name.items()}
         self._restoration: Restoration | None = None  # from when on everything is restored
@@ -174,7 +165,7 @@ class StreamManager:
             if message.state is not RequestState.ASKING or now < message.due:
                 continue
             if message.attempts >= (_ATTEMPTS if self._answers or message is self.stream_requests[0] else 1):
-                self._refused(message, SIGNS if self.signed else "the vehicle does not answer", now)
+                self._refused(message, request_table.SIGNS if self.signed else "the vehicle does not answer", now)
             if message.by_stream:
                 self._note(message)
                 message.move(RequestState.WATCHING, now)  # nobody acknowledges a stream
@@ -217,7 +208,7 @@ class StreamManager:
         for message in self.stream_requests:
             if message.message_id == number and message.state is RequestState.FINDING:
                 earlier = self._earlier.known.get(message.name)
-                message.ours = earlier is not None and earlier.is_ours(interval)
+                message.ours = earlier is not None and is_same(interval, earlier.asked_us)  # not the vehicle's own
                 if earlier is not None and message.ours:
                     message.found_us, message.found_hz = earlier.found_us, earlier.found_hz
                 else:  # the vehicle has rebooted since, or somebody has set it
@@ -242,7 +233,7 @@ class StreamManager:
         elif result == _NOT_NOW:
             message.due = now + _ANSWER_S  # as if it had not answered
         else:
-            self._refused(message, REFUSES, now)
+            self._refused(message, request_table.REFUSES, now)
 
     def _unknown(self, message: StreamRequest) -> bool:
         """Whether ArduPilot has said that it does not know a message (PX4 says the same of one that is not sent)."""
@@ -255,8 +246,8 @@ class StreamManager:
             message.move(RequestState.ASKING, now)
         else:
             message.move(RequestState.GIVEN_UP, now)
-            absent = message.optional and why == REFUSES
-            self._gathered.add(message.name, ABSENT if absent else f"{{}}: {why}; given up", now)
+            absent = message.optional and why == request_table.REFUSES
+            self._gathered.add(message.name, request_table.ABSENT if absent else f"{{}}: {why}; given up", now)
 
     def _measure(self, message: StreamRequest, now: float) -> None:
         if message.window is None:
@@ -285,12 +276,12 @@ class StreamManager:
     def _turned_down(self, message: StreamRequest, now: float) -> None:
         absent = message.optional and not message.received_hz
         if absent and message.retries:
-            self._gathered.add(message.name, ABSENT, now)
+            self._gathered.add(message.name, request_table.ABSENT, now)
             message.move(RequestState.GIVEN_UP, now)
             return
         arrives = f"{message.received_hz:.1f} of {message.requested_hz:.3g} Hz arrive"
         if message.retries >= _RETRIES:
-            nothing = WITHOUT.get(message.name, "it has no source")
+            nothing = request_table.WITHOUT.get(message.name, "it has no source")
             overridden = "another program is probably overriding the rate, or the link is too slow"
             why = overridden if message.received_hz else nothing
             self.reported.append(f"{message.name}: {arrives}: {why}; given up")

@@ -51,41 +51,34 @@ PARAMETERS = (
 PX4_PARAMETERS = ("CAL_GYRO0_ID",)
 """PX4's: the part behind SCALED_IMU."""
 
-_AUTOPILOT_VERSION = 148
+_VERSION, _AUTOPILOT_VERSION = "AUTOPILOT_VERSION", 148
 _SPACING_S = 0.5
-_ATTEMPTS = {"version": 2, "parameter": 4}  # at what is not answered
 
 
 class Facts:
     """Messages and times go in, requests come out. Parameters outlive a reboot: each is known once it was said."""
 
     def __init__(self, target: Target, parameters: Sequence[str]) -> None:
-        self._target = target
-        self._parameters = dict.fromkeys(parameters, 0)  # not yet known → times requested
-        self._version_requests = 0
+        version = requests.request_message(target, _AUTOPILOT_VERSION)
+        self._unknown = {_VERSION: [version] * 2} | {
+            name: [requests.read_parameter(target, name)] * 4 for name in parameters
+        }  # message or parameter → what may still be sent for it
         self._next = 0.0
 
     def receive(self, messages: Mapping[str, Messages]) -> None:
         """Take note of what the vehicle said."""
         if "PARAM_VALUE" in messages:
             for raw in messages["PARAM_VALUE"]["param_id"].tolist():
-                self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
-        if "AUTOPILOT_VERSION" in messages:
-            self._version_requests = _ATTEMPTS["version"]
+                self._unknown.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
+        if _VERSION in messages:
+            self._unknown.pop(_VERSION, None)
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
         if now < self._next:
             return None
         self._next = now + _SPACING_S
-        if self._version_requests < _ATTEMPTS["version"]:
-            self._version_requests += 1
-            return requests.request_message(self._target, _AUTOPILOT_VERSION)
-        for name, times in self._parameters.items():
-            if times < _ATTEMPTS["parameter"]:
-                self._parameters[name] += 1
-                return requests.read_parameter(self._target, name)
-        return None
+        return next((attempts.pop() for attempts in self._unknown.values() if attempts), None)
 
 
 _QUICK_S, _SLOW_S = 1.0, 5.0  # between two questions: until enough are answered, and after that

@@ -4,6 +4,6 @@ from companion.logs.dataflash import DataflashLog, Records, read_dataflash
 from companion.logs.dataflash_layout import RecordLayout
 from companion.logs.dataflash_text import read_dataflash_text
 from companion.logs.logfile import MOST_BYTES, Contents, log_format, looks_like_a_log
-from companion.logs.tlog import Log, TlogWriter, read_tlog
+from companion.logs.tlog import Log, read_tlog
 from companion.logs.ulog import Ulog, read_ulog
 from companion.logs.ulog_topics import UlogTopic

@@ -18,15 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.logs.dataflash_layout import (
-    FMT,
-    Declaration,
-    RecordLayout,
-    declarations,
-    gather_rows,
-    record_layouts,
-    record_lengths,
-)
+from companion.logs import dataflash_layout
+from companion.logs.dataflash_layout import FMT, Declaration, RecordLayout, record_lengths
 from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.mavlink import Bytes, Index, as_bytes, first_come
 from companion.model import InputError
@@ -135,7 +128,7 @@ def read_dataflash(
     starts, types, formats = _find(mapped, progress)
     if len(starts) == 0:
         raise InputError(f"{path} begins like a DataFlash log, but has no whole record in it: copy it again.")
-    layouts, undecoded = record_layouts(mapped.data, formats, starts, types)
+    layouts, undecoded = dataflash_layout.record_layouts(mapped.data, formats, starts, types)
     order = np.argsort(types, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(types[order])) + 1)
     del order
@@ -178,7 +171,7 @@ def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
         for name, records in messages.items():
             first, last = done[name], int(np.searchsorted(records.offset, end))
             if records.rows.dtype.itemsize:
-                rows = gather_rows(mapped.data, records.offset[first:last], records.rows.dtype)
+                rows = dataflash_layout.gather_rows(mapped.data, records.offset[first:last], records.rows.dtype)
                 as_bytes(records.rows)[first:last] = as_bytes(rows)
             done[name] = last
         mapped.release(begin, end)
@@ -187,7 +180,7 @@ def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
 def _find(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes, dict[int, Declaration]]:
     """Where the records begin, their types, and what the log declares of those."""
     heads, types = _heads(mapped, progress)
-    formats = declarations(mapped.data, heads[types == FMT])
+    formats = dataflash_layout.declarations(mapped.data, heads[types == FMT])
     taken = _are_records(heads, record_lengths(formats)[types], len(mapped.data))
     starts, types = heads[taken], types[taken]
     keep = first_come(starts, starts + record_lengths(formats)[types])  # A3 95 inside a body sometimes fits

@@ -123,10 +123,10 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
         )
         return [(int(first), *rest) for first, *rest in decoded if _is_byte(first)]
 
-    factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
+    factors = ((number, _number(text)) for number, text in rows("MULT", "Id", "Mult"))
     return Units.from_rows(
         rows("UNIT", "Id", "Label"),
-        ((number, float(text)) for number, text in factors if _is_number(text)),
+        ((number, factor) for number, factor in factors if factor is not None),
         rows("FMTU", "FmtType", "UnitIds", "MultIds"),
     )
 
@@ -135,12 +135,11 @@ def _is_byte(text: str) -> bool:
     return text.isdecimal() and len(text) <= 3
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str | bytes) -> float | None:
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _split(row: bytes, count: int) -> list[bytes]:
@@ -214,11 +213,6 @@ def _arrays(
 
 
 def _one_by_one(texts: list[bytes]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    values, good = np.zeros(len(texts)), np.zeros(len(texts), np.bool_)
-    for i, text in enumerate(texts):
-        try:
-            values[i] = float(text)
-        except ValueError:
-            continue
-        good[i] = True
-    return values, good
+    numbers = [_number(text) for text in texts]
+    good = np.array([number is not None for number in numbers], np.bool_)
+    return np.array([number or 0.0 for number in numbers]), good

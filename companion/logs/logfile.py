@@ -1,21 +1,26 @@
 """Open a log file, compressed or not, and detect its format from its first bytes; every failure is one clear sentence.
 
-Of a file that is no flight log it says what it is instead.
+Compressed files are read as the bytes that were compressed: gzip, xz, bzip2, Zstandard, and a ZIP archive of one file.
 """
 
 from __future__ import annotations
 
+import bz2
+import importlib
+import lzma
 import mmap
 import re
 import stat
-from collections.abc import Callable, Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from companion.logs.compression import MAGIC_BYTES, compression, decompressed
+from companion.installation import missing
 from companion.mavlink import DEFAULT_DIALECT, Bytes, Decoder, load_dialect
 from companion.model import InputError
 
@@ -29,7 +34,7 @@ Format = Literal["mavlink", "dataflash", "dataflash text", "ulog"]
 _MAGIC: tuple[tuple[bytes, Format], ...] = ((b"\xa3\x95", "dataflash"), (b"ULog\x01\x12\x35", "ulog"))
 
 _TEXT = re.compile(rb"(?:^|\n)\s*FMT, ?\d+, ?\d+, ?\w+, ?\w+")
-_TEXT_BYTES = 4096  # in which a log in text declares its first record; older ones begin with a banner
+TEXT_BYTES = 4096  # in which a log in text declares its first record; older ones begin with a banner
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -70,7 +75,7 @@ class Contents:
         self.path = path
         self._most = most_bytes
         with open_file(path) as file:
-            self._magic = file.read(MAGIC_BYTES)
+            self._magic = file.read(_MAGIC_BYTES)
         self.compression = compression(self._magic)  # None for none
         self.size_bytes = path.stat().st_size  # of the file
         self.position = 0  # bytes of the file that have been read
@@ -143,7 +148,7 @@ def read_head(path: Path) -> bytes:
 def log_format(path: str | Path) -> Format:
     """What a file is by its first bytes; "mavlink" where nothing else is recognised. Raises as `read_head`."""
     head = read_head(Path(path))
-    if b"\0" not in head[:_TEXT_BYTES] and _TEXT.search(head[:_TEXT_BYTES]):
+    if b"\0" not in head[:TEXT_BYTES] and _TEXT.search(head[:TEXT_BYTES]):
         return "dataflash text"
     return next((name for magic, name in _MAGIC if head.startswith(magic)), "mavlink")
 
@@ -180,69 +185,141 @@ def looks_like_a_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT) -> boo
     if log_format(path) != "mavlink":
         return True
     decoder = Decoder(load_dialect(dialect), stamped=False)
-    return len(decoder.push(read_head(path))) + len(decoder.finish()) >= _FEWEST_FRAMES
+    return sum(map(len, decoder.decode([read_head(path)]))) >= _FEWEST_FRAMES
 
 
-_OTHER_MAGIC = {
-    b"\x89PNG\r\n\x1a\n": "a PNG picture",
-    b"\xff\xd8\xff": "a JPEG picture",
-    b"GIF8": "a GIF picture",
-    b"%PDF-": "a PDF document",
-    b"\x7fELF": "a program (ELF)",
-    b"MZ": "a program for Windows",
-    b"SQLite format 3\0": "an SQLite database",
-    b"#ROSBAG V": "a ROS bag",
-    b"\x89MCAP0\r\n": "an MCAP recording",
-    b"MATLAB 5.0 MAT-file": "a MATLAB file",
-    b"\x89HDF\r\n\x1a\n": "an HDF5 file",
-    b"PAR1": "a Parquet table",
-    b"H Product:Blackbox": "a blackbox log of Betaflight or INAV",
-    b"\xd4\xc3\xb2\xa1": "a network capture (pcap)",
-    b"\n\r\r\n": "a network capture (pcapng)",
-    b"version https://git-lfs": "a pointer of Git LFS in place of the file itself (git lfs pull fetches it)",
-}
-"""First bytes → what begins so."""
+_PIECE_BYTES = 1 << 12  # of compressed data: what is lost where it is damaged
+_ZLIB = type(zlib.decompressobj())
+_MOST_PIECE_BYTES = 1 << 20  # that come out at a time
+_ZSTANDARD_BYTES = 128  # of compressed data, of which 4 MiB may come
+_LZMA_BYTES = 1 << 28  # for the dictionary of an xz file; the largest that xz makes by itself is 64 MiB
+_ERRORS = (EOFError, OSError, ValueError, zlib.error, lzma.LZMAError, zipfile.BadZipFile)
+_ARCHIVES = {b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive", b"Rar!\x1a\x07": "a RAR archive"}
+_ZIP = b"PK\x03\x04"
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of the others, zipfile unpacks what it reads without bound
+_MAGIC_BYTES = 6
 
-_WITHIN = {  # at another place than the beginning: where, bytes
-    b"ftyp": (4, "a video (MP4)"),
-    b"WEBP": (8, "a WebP picture"),
-    b"AVI ": (8, "a video (AVI)"),
-}
+Trouble = str
+"""Why the rest of a file could not be decompressed; "" when all of it was."""
 
-_MARKUP = re.compile(rb"\s*(?:\xef\xbb\xbf)?<(?P<tag>!doctype html|html|\?xml|svg|kml|gpx)", re.IGNORECASE)
-_TEXT_SHOWN = 40
-_FOREIGN = 0.05  # of the letters, in another encoding than UTF-8
-_NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")  # commands to a terminal, without ESC and blanks
+Pieces = Iterator[bytes | Trouble]
+"""What comes out; at the very end perhaps the trouble that ended it."""
 
 
-def what_else(path: Path, head: bytes) -> str:
-    """What a file is: "a PNG picture", "blank, nothing but zeros"; "" where that is unknown.
+def compression(magic: bytes) -> str | None:
+    """The name of the compression that a file with these first bytes has; None for none."""
+    return next((name for begin, name in _KINDS.items() if magic.startswith(begin)), None)
 
-    head: its first bytes, decompressed.
+
+def decompressed(path: Path, file: BinaryIO, magic: bytes) -> Pieces:
+    """The content of an open file, in pieces.
+
+    Raises InputError for what cannot be read at all: an archive of several files, or a missing library.
     """
-    if kind := next((kind for magic, kind in _OTHER_MAGIC.items() if head.startswith(magic)), ""):
-        return kind
-    if kind := next((kind for magic, (at, kind) in _WITHIN.items() if head.startswith(magic, at)), ""):
-        return kind
-    if head.strip(head[:1]) == b"" and _is_blank(path, head[:1]):
-        filling = "zeros" if head[:1] == b"\0" else f"bytes of {head[:1].hex().upper()}"
-        return f"blank, nothing but {filling}"
-    return _text(head[:_TEXT_BYTES])
+    for begin, name in _ARCHIVES.items():
+        if magic.startswith(begin):
+            raise InputError(f"{path} is {name}: unpack it, and name the log that is in it.")
+    if magic.startswith(_ZIP):
+        return _unzipped(path, file)
+    kind = compression(magic)
+    if kind == "Zstandard":
+        return _unpacked(file, kind, *_zstandard(path))
+    if kind == "xz":
+        return _unpacked(file, kind, lambda: lzma.LZMADecompressor(memlimit=_LZMA_BYTES))
+    if kind == "bzip2":
+        return _unpacked(file, kind, bz2.BZ2Decompressor)
+    return _unpacked(file, "gzip", lambda: zlib.decompressobj(wbits=31))
 
 
-def _is_blank(path: Path, filling: bytes) -> bool:
-    return all(chunk.strip(filling) == b"" for chunk in Contents(path).chunks())
+_KINDS = {
+    b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "Zstandard", _ZIP: "ZIP",
+    **_ARCHIVES,
+}  # fmt: skip
 
 
-def _text(head: bytes) -> str:
-    if _NO_TEXT.search(head):
-        return ""
-    if markup := _MARKUP.match(head):
-        tag = markup["tag"].decode("ascii").lower()
-        return "a web page (HTML)" if "html" in tag else "an XML document"
-    text = head.decode("utf-8", "replace")
-    if text.count("\N{REPLACEMENT CHARACTER}") > _FOREIGN * len(text):
-        return ""
-    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
-    shown = "".join(letter for letter in line if letter.isprintable())[:_TEXT_SHOWN]
-    return f'text that begins with "{shown}"' if shown else "blank, nothing but white space"
+def _unpacked(file: BinaryIO, name: str, new: Callable[[], Any], error: type[Exception] = EOFError) -> Pieces:
+    """All streams of a file, one behind the other, by a decompressor object of the standard library or like those."""
+    machine = new()
+    while raw := file.read(_PIECE_BYTES):
+        while raw:
+            if machine.eof:
+                raw = raw.lstrip(b"\0")  # gzip and xz allow zeros for padding
+                if not raw:
+                    break
+                machine = new()
+            try:
+                raw = yield from _unpacked_pieces(machine, raw)
+            except (*_ERRORS, MemoryError, error) as reason:
+                yield f"its {name} data is damaged ({reason}): what lies before that is read"
+                return
+    if not machine.eof:
+        yield f"its {name} data is cut off: the copy was not finished, and what there is of it is read"
+
+
+def _unpacked_pieces(machine: Any, raw: bytes) -> Generator[bytes, None, bytes]:
+    """What comes out of some compressed bytes, in pieces: a few bytes can stand for gigabytes.
+
+    Returns those that belong to the next stream.
+    """
+    if isinstance(machine, _ZLIB):
+        while raw and not machine.eof:
+            if piece := machine.decompress(raw, _MOST_PIECE_BYTES):
+                yield piece
+            raw = machine.unconsumed_tail
+    elif hasattr(machine, "needs_input"):  # of bz2, lzma and Python's own zstd
+        while not machine.eof:
+            if piece := machine.decompress(raw, _MOST_PIECE_BYTES):
+                yield piece
+            raw = b""
+            if machine.needs_input:
+                break
+    else:  # the library zstandard bounds nothing, but 4 bytes are 128 KiB at most
+        for begin in range(0, len(raw), _ZSTANDARD_BYTES):
+            if piece := machine.decompress(raw[begin : begin + _ZSTANDARD_BYTES]):
+                yield piece
+            if machine.eof:
+                return bytes(machine.unused_data) + raw[begin + _ZSTANDARD_BYTES :]
+    return bytes(machine.unused_data) if machine.eof else b""
+
+
+def _zstandard(path: Path) -> tuple[Callable[[], Any], type[Exception]]:
+    """What makes a decompressor, and its error: of Python 3.14, else of the library `zstandard`."""
+    if (module := _imported("compression.zstd")) is not None:
+        return module.ZstdDecompressor, module.ZstdError
+    if (module := _imported("zstandard")) is not None:
+        return module.ZstdDecompressor().decompressobj, module.ZstdError
+    raise missing(
+        "zstd",
+        f"{path} is compressed with Zstandard, which Python reads by itself from 3.14 on: decompress it first "
+        "(zstd -d), or have the library for it",
+    )
+
+
+def _imported(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError:
+        return None
+
+
+def _unzipped(path: Path, file: BinaryIO) -> Pieces:
+    try:
+        archive = zipfile.ZipFile(file)
+        members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
+        if len(members) != 1:
+            names = ", ".join(m.filename for m in members[:5]) + (", ..." if len(members) > 5 else "")
+            raise InputError(f"{path} is a ZIP archive of {len(members)} files ({names}): unpack it, and name one log.")
+        if members[0].compress_type not in _ZIP_METHODS:
+            raise NotImplementedError("it is not packed with Deflate")
+        stream = archive.open(members[0])
+    except (*_ERRORS, NotImplementedError, RuntimeError) as error:  # RuntimeError: it is encrypted
+        raise InputError(f"{path} is a ZIP archive that cannot be unpacked here ({error}): unpack it first.") from None
+    return _pieces(stream)
+
+
+def _pieces(stream: Any) -> Pieces:
+    try:
+        while piece := stream.read1(1 << 16):
+            yield piece
+    except (*_ERRORS, MemoryError) as error:
+        yield f"its ZIP data is damaged ({error}): what lies before that is read"

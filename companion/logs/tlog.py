@@ -7,73 +7,17 @@ replaces by the number of the link.
 from __future__ import annotations
 
 import math
-import os
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
 
 import numpy as np
 
-from companion.logs.logfile import (
-    HEAD_BYTES,
-    MOST_BYTES,
-    Contents,
-    LogFile,
-    log_format,
-    read_head,
-    what_else,
-)
-from companion.mavlink import (
-    DEFAULT_DIALECT,
-    MAGIC_1,
-    MAGIC_2,
-    Decoder,
-    Dialect,
-    Frames,
-    Growing,
-    Messages,
-    grouped,
-    load_dialect,
-    log_time,
-)
+from companion.logs.logfile import HEAD_BYTES, MOST_BYTES, TEXT_BYTES, Contents, LogFile, log_format, read_head
+from companion.mavlink import DEFAULT_DIALECT, MAGIC_1, MAGIC_2, Collected, Decoder, Dialect, Messages, load_dialect
 from companion.model import InputError
-
-
-class Collected:
-    """The frames of a file so far. names: the message types whose rows are gathered (None: all)."""
-
-    def __init__(self, dialect: Dialect, names: Collection[str] | None) -> None:
-        self._dialect = dialect
-        self._names = names
-        self._types: dict[str, Growing] = {}
-        self.count = 0
-        self.first_log_time = self.last_log_time = math.nan  # s UNIX, of those that can be believed
-
-    def add(self, frames: Frames, share: float) -> None:
-        """Take over what `frames` holds; their bytes are not kept. share: how much of the file has been read, 0 to 1.
-
-        0 where that is not known.
-        """
-        self.count += len(frames)
-        times = log_time(frames.stamp)
-        believable = np.isfinite(times)
-        if believable.any():
-            self.last_log_time = float(times[len(times) - 1 - int(np.argmax(believable[::-1]))])
-            if math.isnan(self.first_log_time):
-                self.first_log_time = float(times[int(np.argmax(believable))])
-        for layout, index in grouped(frames, self._dialect):
-            if layout.name not in self._types:
-                needed = self._names is None or layout.name in self._names
-                self._types[layout.name] = Growing(layout, with_rows=needed)
-            self._types[layout.name].add(frames, index, times, share)
-
-    def messages(self) -> dict[str, Messages]:
-        """Everything by message name, in order of first appearance."""
-        several = [one.messages() for one in self._types.values()]
-        return {one.name: one for one in sorted(several, key=lambda one: int(one.offset[0]))}
-
 
 _SAMPLE = 61  # every so many bytes of a chunk are looked at
 _FULL = 0.125  # of the bytes are magic; in a log of the shortest frames it is a twentieth
@@ -119,13 +63,17 @@ def read_tlog(
     spoken = load_dialect(dialect)
     head = read_head(path)
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
-    columns = Collected(spoken, names)
+    collected = Collected(spoken, names)
     contents = Contents(path, most_bytes)
-    for chunk in contents.watched(progress):
-        for piece in _pieces(chunk):
-            columns.add(decoder.push(piece), contents.position / contents.size_bytes)
-    columns.add(decoder.finish(), 1.0)
-    if columns.count == 0:
+    count, first_time, last_time = 0, math.nan, math.nan
+    for frames in decoder.decode(piece for chunk in contents.watched(progress) for piece in _pieces(chunk)):
+        count += len(frames)
+        times = collected.add(frames, contents.position / contents.size_bytes)
+        believable = times[np.isfinite(times)]
+        if len(believable):
+            first_time = float(believable[0]) if math.isnan(first_time) else first_time
+            last_time = float(believable[-1])
+    if count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
     return Log(
@@ -133,56 +81,16 @@ def read_tlog(
         size_bytes=contents.size_bytes,
         content_bytes=contents.content_bytes,
         trouble=contents.trouble,
-        frames=columns.count,
+        frames=count,
         bad_crc_frames=damage.bad_crc_frames,
         skipped_bytes=damage.skipped_bytes,
         unknown_frames=MappingProxyType(dict(damage.unknown_frames)),
-        first_log_time=columns.first_log_time,
-        last_log_time=columns.last_log_time,
-        messages=MappingProxyType(columns.messages()),
+        first_log_time=first_time,
+        last_log_time=last_time,
+        messages=MappingProxyType(dict(sorted(collected.messages().items(), key=lambda one: int(one[1].offset[0])))),
         dialect=spoken,
         kind="tlog" if decoder.stamped else "raw",
     )
-
-
-class TlogWriter:
-    """Records the frames of a live link as they come, byte for byte (signatures and unknown extensions too)."""
-
-    def __init__(self, path: str | Path) -> None:
-        """path: a new file. Raises InputError if there is one, or it cannot be written."""
-        try:
-            self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115  (closed by `close`)
-        except OSError as error:
-            raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
-
-    def write(self, frames: Frames, received: float) -> None:
-        """Add frames that were received at `received` s UNIX, and hand them to the operating system at once."""
-        stamp = round(received * 1e6).to_bytes(8, "big")
-        data = b"".join(
-            stamp + frames.data[start : start + size].tobytes()
-            for start, size in zip(frames.start.tolist(), frames.size.tolist(), strict=True)
-        )
-        view = memoryview(data)
-        while view:  # a disk that is nearly full takes a part
-            view = view[self._file.write(view) :]
-
-    def cut(self, size: int) -> None:
-        """Take off what is behind so many bytes: the part of a frame that a full disk has taken."""
-        self._file.truncate(size)
-
-    @property
-    def deleted(self) -> bool:
-        """Whether the file has been removed from its folder, so that nobody can open what is written any more."""
-        return os.fstat(self._file.fileno()).st_nlink == 0
-
-    def close(self) -> None:
-        self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _pieces(chunk: bytes) -> Iterator[bytes]:
@@ -197,7 +105,7 @@ def _pieces(chunk: bytes) -> Iterator[bytes]:
 def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:
     """Whether the frames of a log have time stamps before them, by the commonest distance between two of them."""
     decoder = Decoder(dialect, stamped=True)
-    pieces = [decoder.push(beginning[:HEAD_BYTES]), decoder.finish()]
+    pieces = list(decoder.decode([beginning[:HEAD_BYTES]]))
     begin = np.concatenate([frames.offset for frames in pieces])
     end = begin + np.concatenate([frames.size for frames in pieces])
     if len(begin) == 1:
@@ -210,9 +118,69 @@ def _no_mavlink(path: Path, head: bytes, dialect: str) -> str:
     kind = _OTHER_FORMATS.get(log_format(path))
     if kind:
         return f"{path} is {kind}, not a telemetry log: read it as one."
-    if other := what_else(path, head):
+    if other := _what_else(path, head):
         return f"{path} is not a flight log: it is {other}. Name a .tlog, .bin, .log or .ulg."
     return (
         f"{path} ({path.stat().st_size:,} bytes) holds no MAVLink frame of the dialect {dialect}; it begins with "
         f"{head[:8].hex(' ').upper()}. Check that it is a telemetry log (.tlog), or try another dialect."
     )
+
+
+_OTHER_MAGIC = (
+    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture"),
+    (0, b"\xff\xd8\xff", "a JPEG picture"),
+    (0, b"GIF8", "a GIF picture"),
+    (0, b"%PDF-", "a PDF document"),
+    (0, b"\x7fELF", "a program (ELF)"),
+    (0, b"MZ", "a program for Windows"),
+    (0, b"SQLite format 3\0", "an SQLite database"),
+    (0, b"#ROSBAG V", "a ROS bag"),
+    (0, b"\x89MCAP0\r\n", "an MCAP recording"),
+    (0, b"MATLAB 5.0 MAT-file", "a MATLAB file"),
+    (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+    (0, b"PAR1", "a Parquet table"),
+    (0, b"H Product:Blackbox", "a blackbox log of Betaflight or INAV"),
+    (0, b"\xd4\xc3\xb2\xa1", "a network capture (pcap)"),
+    (0, b"\n\r\r\n", "a network capture (pcapng)"),
+    (0, b"version https://git-lfs", "a pointer of Git LFS in place of the file itself (git lfs pull fetches it)"),
+    (4, b"ftyp", "a video (MP4)"),
+    (8, b"WEBP", "a WebP picture"),
+    (8, b"AVI ", "a video (AVI)"),
+)
+"""Where in a file, which bytes → what it is."""
+
+_MARKUP = re.compile(rb"\s*(?:\xef\xbb\xbf)?<(?P<tag>!doctype html|html|\?xml|svg|kml|gpx)", re.IGNORECASE)
+_TEXT_SHOWN = 40
+_FOREIGN = 0.05  # of the letters, in another encoding than UTF-8
+_NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")  # commands to a terminal, without ESC and blanks
+
+
+def _what_else(path: Path, head: bytes) -> str:
+    """What a file is: "a PNG picture", "blank, nothing but zeros"; "" where that is unknown.
+
+    head: its first bytes, decompressed.
+    """
+    if kind := next((kind for at, magic, kind in _OTHER_MAGIC if head.startswith(magic, at)), ""):
+        return kind
+    if head.strip(head[:1]) == b"" and _is_blank(path, head[:1]):
+        filling = "zeros" if head[:1] == b"\0" else f"bytes of {head[:1].hex().upper()}"
+        return f"blank, nothing but {filling}"
+    return _text(head[:TEXT_BYTES])
+
+
+def _is_blank(path: Path, filling: bytes) -> bool:
+    return all(chunk.strip(filling) == b"" for chunk in Contents(path).chunks())
+
+
+def _text(head: bytes) -> str:
+    if _NO_TEXT.search(head):
+        return ""
+    if markup := _MARKUP.match(head):
+        tag = markup["tag"].decode("ascii").lower()
+        return "a web page (HTML)" if "html" in tag else "an XML document"
+    text = head.decode("utf-8", "replace")
+    if text.count("\N{REPLACEMENT CHARACTER}") > _FOREIGN * len(text):
+        return ""
+    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
+    shown = "".join(letter for letter in line if letter.isprintable())[:_TEXT_SHOWN]
+    return f'text that begins with "{shown}"' if shown else "blank, nothing but white space"

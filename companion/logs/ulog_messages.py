@@ -19,7 +19,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -159,24 +159,21 @@ Value = int | float | str | bytes
 """Bytes for an array, for a type that is none, and for a value that has not the size of its type."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flags:
+class Flags(NamedTuple):
     """B: what a reader has to know, first in the file."""
 
     incompatible: bytes  # (8,)
     appended: tuple[int, ...]  # where data begins that was added later, as after a crash
 
 
-@dataclass(frozen=True, slots=True)
-class Format:
+class Format(NamedTuple):
     """F: the fields of a type."""
 
     name: str
     fields: tuple[Field, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Subscription:
+class Subscription(NamedTuple):
     """A: from here on, data of this number are of a topic."""
 
     number: int
@@ -184,15 +181,13 @@ class Subscription:
     instance: int
 
 
-@dataclass(frozen=True, slots=True)
-class Unsubscription:
+class Unsubscription(NamedTuple):
     """R: from here on, they are no more."""
 
     number: int
 
 
-@dataclass(frozen=True, slots=True)
-class Info:
+class Info(NamedTuple):
     """I and, where there may be several, M."""
 
     name: str
@@ -201,8 +196,7 @@ class Info:
     continued: bool  # it goes on from the last one of the same name
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(NamedTuple):
     """P: a value that was set. Q: the value that it has by default."""
 
     name: str
@@ -210,8 +204,7 @@ class Parameter:
     default_of: int = 0  # bits: 1 of the system, 2 of the configured airframe; 0: it is the value itself
 
 
-@dataclass(frozen=True, slots=True)
-class LoggedText:
+class LoggedText(NamedTuple):
     """L, and with a tag C."""
 
     stamp: int  # µs, boot clock
@@ -220,15 +213,13 @@ class LoggedText:
     tag: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Dropout:
+class Dropout(NamedTuple):
     """O: what was lost because the logger could not keep up."""
 
     duration_ms: int
 
 
-@dataclass(frozen=True, slots=True)
-class Sync:
+class Sync(NamedTuple):
     """S: a mark by which a reader finds its way again."""
 
 

@@ -13,12 +13,4 @@ from companion.mavlink.dialect import (
 from companion.mavlink.encode import Packer, Value, Verifier, is_signed, load_key
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
-from companion.mavlink.messages import (
-    Growing,
-    Messages,
-    as_bytes,
-    grouped,
-    log_time,
-    split_messages,
-    together,
-)
+from companion.mavlink.messages import Collected, Messages, as_bytes, log_time, split_messages, together

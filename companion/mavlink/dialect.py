@@ -66,16 +66,12 @@ class Dialect:
     conforms_1: npt.NDArray[np.bool_]  # (65536,) by 256 times id plus length: whether MAVLink 1 can have such a frame
     enums: Mapping[str, Mapping[int, Any]]  # as pymavlink has them
 
-    def has_enum(self, enum: str) -> bool:
-        """Whether the dialect has an enum of this name."""
-        return enum in self.enums
-
     def enum_names(self, enum: str) -> Mapping[int, str]:
         """Value -> name of an enum ("MAV_AUTOPILOT" -> {3: "MAV_AUTOPILOT_ARDUPILOTMEGA", ...}).
 
         Raises SettingsError, with the nearest names, if the dialect has no such enum.
         """
-        if not self.has_enum(enum):
+        if enum not in self.enums:
             raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self.enums)}")
         # The generator ends each enum with a sentinel that is no value of it.
         entries = self.enums[enum].items()
@@ -221,7 +217,7 @@ def mode_name(dialect: Dialect, autopilot: str, kind: str, custom_mode: int) -> 
     if autopilot == "PX4":
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24
         name = _PX4_AUTO.get(sub) if main == _AUTO else _PX4_MAIN.get(main)
-    elif autopilot == "ARDUPILOTMEGA" and (enum := _ENUM_OF.get(kind)) and dialect.has_enum(enum):
+    elif autopilot == "ARDUPILOTMEGA" and (enum := _ENUM_OF.get(kind)) and enum in dialect.enums:
         name = dialect.enum_names(enum).get(custom_mode, "").removeprefix(f"{enum}_")
     return _SHORT.get(name, name) if name else f"mode {custom_mode}"
 

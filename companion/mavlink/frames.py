@@ -17,41 +17,16 @@ Frame formats: https://mavlink.io/en/guide/serialization.html
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from companion.mavlink import headers
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect
-from companion.mavlink.headers import (
-    CHAIN_BYTES,
-    CRC_BYTES,
-    HEADER_1,
-    HEADER_2,
-    LONGEST,
-    MAGIC_1,
-    MAGIC_2,
-    SIGNATURE_BYTES,
-    SIGNED,
-    Headers,
-    all_places_1,
-    chain_of,
-    crc_is_right,
-    crc_may_be_right,
-    cut_headers,
-    find_headers_1,
-    find_headers_2,
-    first_uncovered,
-    gap_edges,
-    merge,
-    places_between,
-    sift,
-    strange_headers,
-    wire_crc,
-    without_overlap,
-)
+from companion.mavlink.headers import Headers
 
 STAMP_BYTES = 8  # a tlog has big-endian µs since 1970 before each frame
 NO_STAMP = np.iinfo(np.uint64).max
@@ -79,8 +54,8 @@ class Frames:
 
     def select(self, index: npt.NDArray[np.bool_]) -> Frames:
         """Those of a mask."""
-        columns = ("start", "payload", "size", "length", "offset", "stamp", "id", "sysid", "compid", "seq", "crc")
-        return replace(self, **{name: getattr(self, name)[index] for name in columns})
+        names = (one.name for one in fields(Frames) if one.name != "data")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
 @dataclass(slots=True)
@@ -128,16 +103,22 @@ class Decoder:
         """The frames left at the end of the stream; then `damage` is complete. Nothing can be pushed any more."""
         return self._decode(np.empty(0, np.uint8), final=True)
 
+    def decode(self, chunks: Iterable[bytes]) -> Iterator[Frames]:
+        """The frames of a whole stream."""
+        for chunk in chunks:
+            yield self.push(chunk)
+        yield self.finish()
+
     def _chain_of(self, chunk: Bytes) -> Frames | None:
         """What `_decode` would give of a few frames without damage, twenty times as fast; None of anything else.
 
         Nothing lies between them, so there is nothing to search: where two overlap, the one that begins first is meant.
         """
         in_step = self._chain == self._scan == self._last_end
-        if self._stamp or not in_step or len(self._carry) + len(chunk) > CHAIN_BYTES:
+        if self._stamp or not in_step or len(self._carry) + len(chunk) > headers.CHAIN_BYTES:
             return None
         data, size = self._joined(chunk)
-        frames = chain_of(data[:size].tobytes(), self._scan - self._base, self.dialect)
+        frames = headers.chain_of(data[:size].tobytes(), self._scan - self._base, self.dialect)
         if frames is None:
             return None
         result = self._frames(data, frames)
@@ -151,7 +132,7 @@ class Decoder:
         """What was carried over and the new bytes, how many, and zeros: every gather may reach beyond the end."""
         carried = len(self._carry)
         size = carried + len(chunk)
-        data = np.zeros(size + LONGEST, np.uint8)
+        data = np.zeros(size + headers.LONGEST, np.uint8)
         data[:carried], data[carried:size] = self._carry, chunk
         return data, size
 
@@ -166,28 +147,30 @@ class Decoder:
         base = self._base
 
         low = self._scan - base
-        second, others = find_headers_2(data, low, size, self.dialect)
-        good, bad, cut = sift(data, second, size, self.dialect)
+        second, others = headers.find_headers_2(data, low, size, self.dialect)
+        good, bad, cut = headers.sift(data, second, size, self.dialect)
         # What begins inside a frame of MAVLink 2 loses to it, unless that one loses to what began before it.
-        places = places_between(data, low, size, without_overlap(good), self._stamp)
+        places = headers.places_between(data, low, size, headers.without_overlap(good), self._stamp)
         if places is not None:
-            good_1, bad_1, cut_1 = sift(data, find_headers_1(data, places, self.dialect), size, self.dialect)
+            first = headers.find_headers_1(data, places, self.dialect)
+            good_1, bad_1, cut_1 = headers.sift(data, first, size, self.dialect)
         if places is None or len(good_1):
-            places = all_places_1(data, low, size)
-            good_1, bad_1, cut_1 = sift(data, find_headers_1(data, places, self.dialect), size, self.dialect)
+            places = headers.all_places_1(data, low, size)
+            first = headers.find_headers_1(data, places, self.dialect)
+            good_1, bad_1, cut_1 = headers.sift(data, first, size, self.dialect)
         others = np.concatenate((places, others))
-        cut = np.concatenate((cut_headers(data, low, size), cut, cut_1))
-        frames = without_overlap(merge(good, good_1))
-        decided = size if final else first_uncovered(cut, frames, size)
+        cut = np.concatenate((headers.cut_headers(data, low, size), cut, cut_1))
+        frames = headers.without_overlap(headers.merge(good, good_1))
+        decided = size if final else headers.first_uncovered(cut, frames, size)
         frames = frames[: int(np.searchsorted(frames.start, decided))]
         frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
-        wrong = merge(bad, bad_1)
+        wrong = headers.merge(bad, bad_1)
         wrong = wrong[wrong.start < decided]
         counts = self._count_bad(wrong, frames, decided, final=final)
         self._met.clear()
         self._walk_gaps(data, frames, unknown, decided, counts, frozenset((wrong.start + base).tolist()))
-        given = merge(frames, unknown[np.isin(unknown.start + base, self._met)]) if self._unknown else frames
+        given = headers.merge(frames, unknown[np.isin(unknown.start + base, self._met)]) if self._unknown else frames
         result = self._frames(data, given)
 
         if len(frames):
@@ -204,36 +187,36 @@ class Decoder:
 
         Returns the frames with them, intact frames of unknown ids, and how far everything is decided.
         """
-        previous, following = gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = headers.gap_edges(self._last_end - self._base, frames, decided)
         searched = following - previous != self._stamp
         searched[-1] = True  # the last gap is still open
         others = np.sort(others[others >= previous[np.argmax(searched)]])  # none lies before the first gap
         gap = np.searchsorted(frames.start, others, side="right")
         inside = searched[gap] & (others >= previous[gap]) & (others < following[gap])
-        odd, unknown = strange_headers(data, others[inside], self.dialect)
+        odd, unknown = headers.strange_headers(data, others[inside], self.dialect)
 
-        def whole(headers: Headers) -> tuple[Headers, int]:
-            gap = np.searchsorted(frames.start, headers.start, side="right")
+        def whole(places: Headers) -> tuple[Headers, int]:
+            gap = np.searchsorted(frames.start, places.start, side="right")
             is_open = gap == len(frames)
-            inside = headers.end <= np.where(is_open, size, following[gap])
-            return headers[inside], int(headers.start[is_open & ~inside].min(initial=size))
+            inside = places.end <= np.where(is_open, size, following[gap])
+            return places[inside], int(places.start[is_open & ~inside].min(initial=size))
 
         odd, cut_odd = whole(odd)
         unknown, cut_unknown = whole(unknown)
-        odd = odd[crc_is_right(data, odd, self.dialect)]
-        unknown = unknown[crc_may_be_right(data, unknown)]
+        odd = odd[headers.crc_is_right(data, odd, self.dialect)]
+        unknown = unknown[headers.crc_may_be_right(data, unknown)]
         if not final:
             decided = min(decided, cut_odd, cut_unknown)
             for begin, end in zip(odd.start.tolist()[::-1], odd.end.tolist()[::-1], strict=True):
                 decided = begin if begin < decided < end else decided
         if len(odd):
-            frames = without_overlap(merge(frames, odd[odd.end <= decided]))
+            frames = headers.without_overlap(headers.merge(frames, odd[odd.end <= decided]))
         return frames[: int(np.searchsorted(frames.start, decided))], unknown, decided
 
     def _frames(self, data: Bytes, frames: Headers) -> Frames:
         """Read the other fields of the headers."""
         start, payload = frames.start, frames.payload
-        first = payload - start == HEADER_1
+        first = payload - start == headers.HEADER_1
         # Sequence, system and component follow one another in both versions.
         sender = gather(data, np.where(first, start + 2, start + 4), 3)
         stamp = np.full(len(start), NO_STAMP, np.uint64)
@@ -253,14 +236,14 @@ class Decoder:
             sysid=sender[:, 1].copy(),
             compid=sender[:, 2].copy(),
             seq=sender[:, 0].copy(),
-            crc=wire_crc(data, frames),
+            crc=headers.wire_crc(data, frames),
         )
 
     def _count_bad(self, bad: Headers, frames: Headers, decided: int, *, final: bool) -> list[int]:
         """Count wrong CRCs in each gap between the accepted frames, once each; what begins in a stamp is no frame."""
         starts = np.concatenate((self._bad_open[0] - self._base, bad.start))
         ends = np.concatenate((self._bad_open[1] - self._base, bad.end))
-        previous, following = gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = headers.gap_edges(self._last_end - self._base, frames, decided)
         index = np.searchsorted(frames.start, starts, side="right")
         counted = (starts >= previous[index]) & (starts < following[index] - self._stamp)
         # The next frame may begin right behind what is decided: whether these lie in its stamp shows later.
@@ -284,7 +267,7 @@ class Decoder:
         bad: wrong CRCs in each gap; wrong: stream positions of all of them.
         """
         intact = dict(zip((unknown.start + self._base).tolist(), unknown.id.tolist(), strict=True))
-        previous, following = gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = headers.gap_edges(self._last_end - self._base, frames, decided)
         wide = np.flatnonzero(following[:-1] - previous[:-1] != self._stamp)
         for gap in wide.tolist():
             begin, end = int(previous[gap]) + self._base, int(following[gap]) + self._base
@@ -308,10 +291,10 @@ class Decoder:
         while 0 <= self._chain < limit:
             at = self._chain - self._base
             magic, length, flags = data[at : at + 3].tolist()
-            if magic == MAGIC_2 and flags in (0, SIGNED):
-                size = HEADER_2 + length + CRC_BYTES + SIGNATURE_BYTES * flags
-            elif magic == MAGIC_1:
-                size = HEADER_1 + length + CRC_BYTES
+            if magic == headers.MAGIC_2 and flags in (0, headers.SIGNED):
+                size = headers.HEADER_2 + length + headers.CRC_BYTES + headers.SIGNATURE_BYTES * flags
+            elif magic == headers.MAGIC_1:
+                size = headers.HEADER_1 + length + headers.CRC_BYTES
             else:
                 self._chain = -1
                 return

@@ -5,7 +5,7 @@ Frame formats: https://mavlink.io/en/guide/serialization.html
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -164,13 +164,8 @@ def crc_may_be_right(data: Bytes, headers: Headers) -> npt.NDArray[np.bool_]:
 def merge(left: Headers, right: Headers) -> Headers:
     if len(left) == 0 or len(right) == 0:
         return left if len(left) else right
-    both = Headers(
-        np.concatenate((left.start, right.start)),
-        np.concatenate((left.payload, right.payload)),
-        np.concatenate((left.length, right.length)),
-        np.concatenate((left.end, right.end)),
-        np.concatenate((left.id, right.id)),
-    )
+    names = (one.name for one in fields(Headers))
+    both = Headers(*(np.concatenate((getattr(left, name), getattr(right, name))) for name in names))
     return both[np.argsort(both.start, kind="stable")]
 
 

@@ -113,7 +113,7 @@ class Growing:
             # "clip", for every index is one: NumPy then writes in place.
             np.take(values, index, out=self._columns[name][begin:end], mode="clip")
         if "rows" in self._columns:
-            gather_rows(frames, index, self.layout, out=self._columns["rows"][begin:end])
+            _gather_rows(frames, index, self._columns["rows"][begin:end])
         self._count = end
 
     def messages(self) -> Messages:
@@ -134,6 +134,32 @@ _HEADER: dict[str, npt.DTypeLike] = {
     "crc": np.uint16,
 }  # fmt: skip
 _MARGIN, _LEAST_ROOM = 1.05, 64  # of the messages that are expected, and messages
+
+
+class Collected:
+    """Frames as they come, by message type in order of appearance. names: whose rows are gathered (None: of all)."""
+
+    def __init__(self, dialect: Dialect, names: Collection[str] | None) -> None:
+        self.types: dict[str, Growing] = {}
+        self._dialect = dialect
+        self._names = names
+
+    def add(self, frames: Frames, share: float = 0.0) -> npt.NDArray[np.float64]:
+        """Take over what `frames` hold; their bytes are not kept. Returns when each was logged, (N,) s UNIX or NaN.
+
+        share: of what will come, 0 where it is not known.
+        """
+        times = log_time(frames.stamp)
+        for layout, index in _grouped(frames, self._dialect):
+            if layout.name not in self.types:
+                with_rows = self._names is None or layout.name in self._names
+                self.types[layout.name] = Growing(layout, with_rows=with_rows)
+            self.types[layout.name].add(frames, index, times, share)
+        return times
+
+    def messages(self) -> dict[str, Messages]:
+        """Everything by message name."""
+        return {name: one.messages() for name, one in self.types.items()}
 
 
 def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
@@ -169,15 +195,17 @@ def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | No
     known: dict[str, npt.NDArray[Any]] = {name: getattr(frames, name) for name in _HEADER if name != "log_time"}
     known["log_time"] = log_time(frames.stamp)
     by_name = {}
-    for layout, index in grouped(frames, dialect):
+    for layout, index in _grouped(frames, dialect):
         columns = {name: column[index] for name, column in known.items()}
-        with_rows = names is None or layout.name in names
-        rows = gather_rows(frames, index, layout) if with_rows else np.empty(0, layout.dtype)
-        by_name[layout.name] = Messages(layout, **columns, rows=rows)
+        needed = names is None or layout.name in names
+        rows = np.empty((len(index) if needed else 0, layout.max_length), np.uint8)
+        if needed:
+            _gather_rows(frames, index, rows)
+        by_name[layout.name] = Messages(layout, **columns, rows=rows.view(layout.dtype)[:, 0])
     return by_name
 
 
-def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, Index]]:
+def _grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, Index]]:
     """Each message type among the frames, and the indices of its frames in stream order; ids that are known alone."""
     if len(frames) == 0:
         return
@@ -192,16 +220,13 @@ def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, I
             yield layout, index
 
 
-def gather_rows(
-    frames: Frames, index: Index, layout: MessageLayout, *, out: Bytes | None = None
-) -> npt.NDArray[np.void]:
-    """Payloads of `frames[index]`, all of type `layout`, as rows (K,) of layout.dtype.
+def _gather_rows(frames: Frames, index: Index, rows: Bytes) -> None:
+    """Write payloads of `frames[index]`, all of one type, into rows (K, longest payload of the type).
 
     Zeros that MAVLink 2 trimmed off, and extension fields that MAVLink 1 lacks, are zero; bytes that a newer dialect
-    added behind are dropped. out: (K, layout.max_length) to write them into.
+    added behind are dropped.
     """
-    width = layout.max_length
-    rows = np.empty((len(index), width), np.uint8) if out is None else out
+    width = rows.shape[1]
     step = max(_BLOCK_BYTES // width, 1)
     for begin in range(0, len(index), step):
         block = index[begin : begin + step]
@@ -209,7 +234,6 @@ def gather_rows(
         raw = gather(frames.data, frames.payload[block], width)
         _clear_behind(raw, sent)
         rows[begin : begin + step] = raw
-    return rows.view(layout.dtype)[:, 0]
 
 
 def _clear_behind(raw: Bytes, sent: Bytes) -> None:

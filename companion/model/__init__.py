@@ -8,6 +8,7 @@ from companion.model.aiding import (
     BiasTrack,
     CompassTrack,
     ControlTrack,
+    EstimatorLane,
     EstimatorReset,
     FlowTrack,
     GpsTrack,
@@ -19,8 +20,17 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
-from companion.model.checks import check_number, check_seconds, floats, is_number
-from companion.model.errors import CompanionError, DataError, InputError, NoEstimateError, SettingsError
+from companion.model.errors import (
+    CompanionError,
+    DataError,
+    InputError,
+    NoEstimateError,
+    SettingsError,
+    check_number,
+    check_seconds,
+    floats,
+    is_number,
+)
 from companion.model.flight import (
     Epoch,
     Flight,
@@ -34,13 +44,15 @@ from companion.model.flight import (
 )
 from companion.model.geodesy import (
     ECCENTRICITY_SQUARED,
+    ORIENTATIONS,
     SEMI_MAJOR_AXIS,
     from_euler,
     geodetic_from_ned,
     ned_from_geodetic,
+    orientation_name,
+    orientation_number,
+    orientations,
 )
-from companion.model.lanes import EstimatorLane
-from companion.model.orientations import ORIENTATIONS, orientation_name, orientation_number, orientations
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,

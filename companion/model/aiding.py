@@ -1,4 +1,4 @@
-"""The aiding sensors of a flight and its estimator's own reports, as frozen dataclasses of arrays.
+"""The aiding sensors of a flight, its estimator's own reports and its lanes, as frozen dataclasses of arrays.
 
 Conventions of `companion.model.tracks`: `t` in seconds of the boot clock, strictly increasing; SI; FRD and NED. NaN
 where the vehicle does not know.
@@ -6,30 +6,28 @@ where the vehicle does not know.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.checks import floats, times
-from companion.model.errors import DataError
-from companion.model.tracks import Array, Sampled
+from companion.model.errors import DataError, floats
+from companion.model.tracks import Array, Checked
 
 
-class _Readings(Sampled):
+class _Readings(Checked):
     """What a sensor or estimator reports: a track whose columns may hold NaN."""
 
     __slots__ = ()
 
     source: str
+    _finite = False
 
-    def _check(self, *scalars: str, **widths: int) -> None:
-        """Raises DataError unless times increase strictly, and columns (N,) and (N, width) have their shapes."""
-        times(f"{self.source}.t", self.t)
-        shapes = dict.fromkeys(scalars, ()) | {name: (width,) for name, width in widths.items()}
-        for name, shape in shapes.items():
-            floats(f"{self.source}.{name}", getattr(self, name), (len(self.t), *shape), finite=False)
+    @property
+    def _named(self) -> str:
+        return self.source
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -49,10 +47,6 @@ class GpsTrack(_Readings):
     source: str = ""  # GPS_RAW_INT, GPS[1], vehicle_gps_position, ...
     instance: int = 0  # which receiver
 
-    def __post_init__(self) -> None:
-        sigmas = ("horizontal_sigma", "vertical_sigma", "speed_sigma")
-        self._check("latitude", "longitude", "height", *sigmas, "fix_type", "satellites", velocity=3)
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CompassTrack(_Readings):
@@ -63,9 +57,6 @@ class CompassTrack(_Readings):
     source: str = ""
     instance: int = 0
     calibrated: bool = True  # whether the autopilot's offsets have been applied
-
-    def __post_init__(self) -> None:
-        self._check(field=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -79,9 +70,6 @@ class BarometerTrack(_Readings):
     source: str = ""
     instance: int = 0
 
-    def __post_init__(self) -> None:
-        self._check("pressure", "altitude", "temperature")
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AirspeedTrack(_Readings):
@@ -94,9 +82,6 @@ class AirspeedTrack(_Readings):
     temperature: Array  # (N,) °C
     source: str = ""
     instance: int = 0
-
-    def __post_init__(self) -> None:
-        self._check("airspeed", "true_airspeed", "pressure", "temperature")
 
 
 PITCH_270 = 25
@@ -117,9 +102,6 @@ class RangeTrack(_Readings):
     source: str = ""
     instance: int = 0
 
-    def __post_init__(self) -> None:
-        self._check("distance", "sigma", "quality")
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FlowTrack(_Readings):
@@ -133,9 +115,6 @@ class FlowTrack(_Readings):
     distance: Array  # (N,) m to the ground, where the sensor measures that too
     source: str = ""
     instance: int = 0
-
-    def __post_init__(self) -> None:
-        self._check("interval", "quality", "distance", flow=2, gyro=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -151,9 +130,6 @@ class BiasTrack(_Readings):
     core: int = 0  # which of the vehicle's estimators
     imu_instance: int | None = 0  # which IMU it is of; None: unknown
 
-    def __post_init__(self) -> None:
-        self._check(gyro=3, accel=3, gyro_sigma=3, accel_sigma=3)
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TruthTrack(_Readings):
@@ -166,9 +142,6 @@ class TruthTrack(_Readings):
     source: str = ""
     faults: tuple[float, ...] = ()  # s: when the simulator switched a fault on, where it is logged
 
-    def __post_init__(self) -> None:
-        self._check(q_ned_frd=4, velocity=3, position=3)
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ControlTrack(_Readings):
@@ -177,9 +150,6 @@ class ControlTrack(_Readings):
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, the desired attitude; NaN where it is not reported
     source: str = ""
-
-    def __post_init__(self) -> None:
-        self._check(q_ned_frd=4)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -190,10 +160,11 @@ class ActuatorTrack(_Readings):
     output: Array  # (N, K) as a share of the range, 0 to 1; NaN for outputs not in use
     source: str = ""
 
-    def __post_init__(self) -> None:
+    @property
+    def _shapes(self) -> Mapping[str, tuple[int]]:
         if self.output.ndim != 2:
             raise DataError(f"{self.source}.output must have shape (N, K), got {self.output.shape}")
-        self._check(output=self.output.shape[1])
+        return {"output": (self.output.shape[1],)}
 
 
 ResetKind = Literal["attitude", "heading", "velocity", "position", "height", "lane"]
@@ -242,6 +213,30 @@ class SensorInUse:
     def at(self, t: Array) -> npt.NDArray[np.int64]:
         """The instance in use at each of the times t (N,) s (before the first change: the first one)."""
         return self.instance[np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class EstimatorLane(_Readings):
+    """One core of an EKF, one instance of EKF2, or DCM: what it estimated, whether or not the vehicle flew by it."""
+
+    t: Array  # (N,) s, strictly increasing
+    q_ned_frd: Array  # (N, 4) wxyz, in the body frame of the IMU tracks
+    velocity: Array  # (N, 3) NED, m/s; NaN where it is not logged, or not valid
+    position: Array  # (N, 3) NED, m; NaN alike. The zero is the estimator's own
+    name: str  # "EKF3 core 0", "EKF2 instance 1", "DCM"
+    core: int | None = None  # its number among those that may fly; None for a fallback, which has none
+    source: str = ""  # XKQ[0], estimator_attitude_1, AHRS2, ...
+    imu: int | None = None  # the IMU that it reads; None: unknown
+    sensors: Mapping[str, SensorInUse] = field(default_factory=dict)  # "GPS", "compass", ... → the one that it uses
+
+    def __post_init__(self) -> None:
+        _Readings.__post_init__(self)
+        floats(f"{self.source}.q_ned_frd", self.q_ned_frd, self.q_ned_frd.shape)
+
+    @property
+    def has_position(self) -> bool:
+        """Whether any position of it is known."""
+        return bool(np.isfinite(self.position).any())
 
 
 PhaseKind = Literal["aligning", "standing", "flight", "landed", "impact"]

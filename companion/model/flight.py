@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from companion.model.aiding import (
     BiasTrack,
     CompassTrack,
     ControlTrack,
+    EstimatorLane,
     EstimatorReset,
     FlowTrack,
     GpsTrack,
@@ -28,7 +29,6 @@ from companion.model.aiding import (
     TruthTrack,
 )
 from companion.model.errors import DataError
-from companion.model.lanes import EstimatorLane
 from companion.model.tracks import (
     Array,
     AttitudeTrack,
@@ -257,17 +257,14 @@ class Change(Protocol):
 
 def with_tracks(flight: Flight, change: Change) -> Flight:
     """The flight with every track of its sensors and its estimate changed."""
+    kinds = ("gps", "compasses", "barometers", "airspeeds", "ranges", "flows")
+    aiding: dict[str, Any] = {kind: tuple(map(change, getattr(flight, kind))) for kind in kinds}
     return replace(
         flight,
         imus={name: change(track) for name, track in flight.imus.items()},
         attitude=None if flight.attitude is None else change(flight.attitude),
         position=None if flight.position is None else change(flight.position),
-        gps=tuple(map(change, flight.gps)),
-        compasses=tuple(map(change, flight.compasses)),
-        barometers=tuple(map(change, flight.barometers)),
-        airspeeds=tuple(map(change, flight.airspeeds)),
-        ranges=tuple(map(change, flight.ranges)),
-        flows=tuple(map(change, flight.flows)),
+        **aiding,
     )
 
 

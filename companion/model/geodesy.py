@@ -1,15 +1,16 @@
-"""Conversions from and to the frames of messages and maps: Euler angles, WGS-84.
+"""Conversions from and to the frames of messages, sensors and maps: Euler angles, mounting orientations, WGS-84.
 
 Ground floor: used where messages come in, where positions go out, and by the gravity of the ellipsoid.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.checks import floats
-from companion.model.errors import DataError
+from companion.model.errors import DataError, floats
 
 Array = npt.NDArray[np.float64]
 
@@ -42,6 +43,39 @@ def from_euler(roll: npt.ArrayLike, pitch: npt.ArrayLike, yaw: npt.ArrayLike) ->
         ),
         axis=-1,
     )
+
+
+ORIENTATIONS: tuple[tuple[float, float, float], ...] = (
+    (0, 0, 0), (0, 0, 45), (0, 0, 90), (0, 0, 135), (0, 0, 180), (0, 0, 225), (0, 0, 270), (0, 0, 315),
+    (180, 0, 0), (180, 0, 45), (180, 0, 90), (180, 0, 135), (0, 180, 0), (180, 0, 225), (180, 0, 270), (180, 0, 315),
+    (90, 0, 0), (90, 0, 45), (90, 0, 90), (90, 0, 135), (270, 0, 0), (270, 0, 45), (270, 0, 90), (270, 0, 135),
+    (0, 90, 0), (0, 270, 0), (0, 180, 90), (0, 180, 270), (90, 90, 0), (180, 90, 0), (270, 90, 0), (90, 180, 0),
+    (270, 180, 0), (90, 270, 0), (180, 270, 0), (270, 270, 0), (90, 180, 90), (90, 0, 270), (90, 68, 293),
+    (0, 315, 0), (90, 315, 0),
+)  # fmt: skip
+"""Number → roll, pitch and yaw in degrees, by which readings are turned into the body: yaw last.
+
+MAVLink's MAV_SENSOR_ORIENTATION: the ways in which a sensor may be mounted, by which vehicles set their boards.
+"""
+
+
+@cache
+def orientations() -> Array:
+    """(41, 4) wxyz: body FRD from the sensor's axes, of each number."""
+    return from_euler(*np.radians(ORIENTATIONS).T)
+
+
+def orientation_name(number: int) -> str:
+    """In words: "roll 180°, yaw 90°"; "none" for none."""
+    angles = zip(("roll", "pitch", "yaw"), ORIENTATIONS[number], strict=True)
+    return ", ".join(f"{axis} {angle:g}°" for axis, angle in angles if angle) or "none"
+
+
+def orientation_number(q: Array) -> tuple[int, float]:
+    """The first of the list that is nearest to a rotation (4,) wxyz, and by what angle (rad) it is off."""
+    along = np.abs(orientations() @ q)
+    best = int(np.argmax(along > along.max() - 1e-9))
+    return best, float(2.0 * np.arccos(min(along[best], 1.0)))
 
 
 def ned_from_geodetic(latitude: Array, longitude: Array, height: Array, origin: tuple[float, float, float]) -> Array:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.checks import floats, times
+from companion.model.errors import floats, times
 from companion.model.wording import brief
 
 
@@ -78,17 +78,44 @@ def rows(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
     return cast(Track, replace(cast(Any, track), **arrays))
 
 
-def _check(track: Sampled, **widths: int) -> None:
-    """Raises DataError unless shapes agree, everything is finite and time increases strictly."""
-    name = type(track).__name__
-    object.__setattr__(track, "t", times(f"{name}.t", track.t))
-    for column, width in widths.items():
-        values = floats(f"{name}.{column}", getattr(track, column), (len(track), width))
-        object.__setattr__(track, column, values)
+_VECTORS: Mapping[str, tuple[int]] = {
+    "q_ned_frd": (4,), "flow": (2,),
+    **dict.fromkeys(("velocity", "position", "gyro", "accel", "rates", "gyro_sigma", "accel_sigma", "field"), (3,)),
+}  # fmt: skip
+"""Arrays of tracks that hold a vector for each sample → its shape; the others hold a number."""
+
+
+class Checked(Sampled):
+    """A track whose fields of type `Array` are checked: each as long as its times, and finite.
+
+    Raises DataError unless shapes agree, everything is finite and time increases strictly.
+    """
+
+    __slots__ = ()
+
+    _finite = True  # whether NaN is no value
+
+    def __post_init__(self) -> None:
+        name = self._named
+        object.__setattr__(self, "t", times(f"{name}.t", self.t))
+        for column in (one.name for one in fields(cast(Any, self)) if one.type == "Array" and one.name != "t"):
+            shape = (len(self), *self._shapes.get(column, ()))
+            values = floats(f"{name}.{column}", getattr(self, column), shape, finite=self._finite)
+            object.__setattr__(self, column, values)
+
+    @property
+    def _named(self) -> str:
+        """What an error calls it."""
+        return type(self).__name__
+
+    @property
+    def _shapes(self) -> Mapping[str, tuple[int]]:
+        """Of a sample; of those that are a number none."""
+        return _VECTORS
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # without slots: its rate is kept
-class ImuTrack(Sampled):
+class ImuTrack(Checked):
     """Samples of one IMU in the body frame of the autopilot's attitude.
 
     Raises DataError for shapes that do not match, non-finite samples or times that do not increase.
@@ -112,7 +139,7 @@ class ImuTrack(Sampled):
     accel_range: float | None = None  # m/s²
 
     def __post_init__(self) -> None:
-        _check(self, gyro=3, accel=3)
+        Checked.__post_init__(self)
         if self.interval is not None:  # NaN for the first one, before which there is nothing
             interval = floats("ImuTrack.interval", self.interval, self.t.shape, finite=False)
             object.__setattr__(self, "interval", interval)
@@ -150,7 +177,7 @@ class ImuTrack(Sampled):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class AttitudeTrack(Sampled):
+class AttitudeTrack(Checked):
     """The autopilot's own attitude. Raises DataError as ImuTrack does."""
 
     t: Array  # (N,) s, strictly increasing
@@ -159,9 +186,6 @@ class AttitudeTrack(Sampled):
     source: str = ""
     rates_reported: bool = True  # by the autopilot; False: computed from its IMU's readings, and no check of them
 
-    def __post_init__(self) -> None:
-        _check(self, q_ned_frd=4, rates=3)
-
     @property
     def rates_told(self) -> bool:
         """Deprecated: the old name of `rates_reported`."""
@@ -169,16 +193,13 @@ class AttitudeTrack(Sampled):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PositionTrack(Sampled):
+class PositionTrack(Checked):
     """The autopilot's own position and velocity. Raises DataError as ImuTrack does."""
 
     t: Array  # (N,) s, strictly increasing
     position: Array  # (N, 3) NED, m, about the flight's origin
     velocity: Array  # (N, 3) NED, m/s
     source: str = ""
-
-    def __post_init__(self) -> None:
-        _check(self, position=3, velocity=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +231,7 @@ class Trajectory(Sampled):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Series(Sampled):
+class Series(Checked):
     """Quantities over time, as columns whose names end in their unit: "x_mps2", "lat_rad", "pressure_pa".
 
     Raises DataError for shapes that do not match or times that do not increase.
@@ -222,11 +243,15 @@ class Series(Sampled):
     source: str = ""  # the message or record it came from: "VIBRATION", "BARO[1]"
     instance: int = 0  # which sensor of its kind, where there are several
 
-    def __post_init__(self) -> None:
-        name = self.source or "Series"
-        object.__setattr__(self, "t", times(f"{name}.t", self.t))
-        values = floats(f"{name}.values", self.values, (len(self.t), len(self.columns)), finite=False)
-        object.__setattr__(self, "values", values)
+    _finite = False
+
+    @property
+    def _named(self) -> str:
+        return self.source or "Series"
+
+    @property
+    def _shapes(self) -> Mapping[str, tuple[int]]:
+        return {"values": (len(self.columns),)}
 
     def __getitem__(self, column: str) -> Array:
         """One column, (N,). Raises KeyError, with the names that there are."""

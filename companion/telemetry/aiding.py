@@ -34,8 +34,7 @@ from companion.model import (
     rows,
 )
 from companion.telemetry.convert import UNTURNED, Turns, turned_vectors
-from companion.telemetry.lazy import Lazy, LazyTuple
-from companion.telemetry.quantities import SIGMAS, pressure_altitude
+from companion.telemetry.quantities import SIGMAS, Lazy, LazyTuple, pressure_altitude
 from companion.telemetry.samples import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
 from companion.telemetry.sources import ANGLES_OF_FLOW, COLUMNS
 

@@ -36,17 +36,9 @@ from companion.model import (
     ned_from_geodetic,
     of_kind,
 )
+from companion.telemetry import samples
 from companion.telemetry.parameters import known_ranges, out_of_range, possible, with_facts
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
-from companion.telemetry.samples import (
-    attitude_track,
-    attitudes,
-    commonest,
-    imu_track,
-    ned_about,
-    place,
-    position_track,
-)
 from companion.telemetry.sources import MESSAGE_SOURCES, SI, VIBRATION_PX4, Source
 
 SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
@@ -123,14 +115,14 @@ def imu(
     good, instance = np.ones(len(messages), np.bool_), IMU_MESSAGES[name].instance
     if name == "HIGHRES_IMU":
         ids = messages["id"]
-        instance = commonest(ids)
+        instance = samples.commonest(ids)
         if not (mine := ids == instance).all():
             good &= mine
             notes.append(f"{name} speaks of IMUs {np.unique(ids).tolist()}: only IMU {instance} is used")
     # 16 bits of mrad/s and mG hold nothing that a part cannot read
     ranges = None if gyro_step else known_ranges(vehicle, parameters, IMU_MESSAGES[name].instance)
     track = replace(
-        imu_track(name, messages.t, gyro, accel, good, notes, ranges),
+        samples.imu_track(name, messages.t, gyro, accel, good, notes, ranges),
         gyro_step=gyro_step,
         accel_step=accel_step,
         instance=instance,
@@ -215,21 +207,21 @@ def attitude(messages: Messages, notes: list[str]) -> AttitudeTrack | None:
         q = from_euler(*messages.columns("roll", "pitch", "yaw").T)
     else:
         q = messages.columns("q1", "q2", "q3", "q4")
-    keep, t, q = attitudes(messages.t, q)
+    keep, t, q = samples.attitudes(messages.t, q)
     rates = np.nan_to_num(messages.columns("rollspeed", "pitchspeed", "yawspeed")[keep])
-    return attitude_track(messages.name, t, q, rates, notes)
+    return samples.attitude_track(messages.name, t, q, rates, notes)
 
 
 def position(messages: Messages, notes: list[str]) -> PositionTrack | None:
     """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid."""
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     if messages.name == "LOCAL_POSITION_NED":
-        return position_track(messages.name, messages.t, messages.columns("x", "y", "z"), velocity, True, notes)
+        return samples.position_track(messages.name, messages.t, messages.columns("x", "y", "z"), velocity, True, notes)
     good = (messages["lat"] != 0) | (messages["lon"] != 0)  # 0, 0 is "no fix" on every autopilot
     lat, lon, height = np.radians(messages["lat"] * 1e-7), np.radians(messages["lon"] * 1e-7), messages["alt"] * 1e-3
     first = int(np.argmax(good))
     ned = ned_from_geodetic(lat, lon, height, (float(lat[first]), float(lon[first]), float(height[first])))
-    return position_track(messages.name, messages.t, ned, velocity, good, notes)
+    return samples.position_track(messages.name, messages.t, ned, velocity, good, notes)
 
 
 def origin(messages: Messages) -> Origin | None:
@@ -244,18 +236,20 @@ def origin(messages: Messages) -> Origin | None:
     if not len(fixed):
         return None
     i = fixed[0]
-    return place(latitude[i] * 1e-7, longitude[i] * 1e-7, height[i] * 1e-3, None if is_zero else float(messages.t[i]))
+    return samples.place(
+        latitude[i] * 1e-7, longitude[i] * 1e-7, height[i] * 1e-3, None if is_zero else float(messages.t[i])
+    )
 
 
 def home(messages: Messages) -> Origin:
     """Where the last HOME_POSITION is: home is set again where the vehicle arms."""
     latitude, longitude, height = (float(messages[n][-1]) for n in ("latitude", "longitude", "altitude"))
-    return place(latitude * 1e-7, longitude * 1e-7, height * 1e-3)
+    return samples.place(latitude * 1e-7, longitude * 1e-7, height * 1e-3)
 
 
 def ned_between(a: Origin, b: Origin) -> Array:
     """Where `b` lies seen from `a`: NED (3,), m."""
-    return np.asarray(ned_about(a, *np.array([[b.latitude], [b.longitude], [b.height]]))[0])
+    return np.asarray(samples.ned_about(a, *np.array([[b.latitude], [b.longitude], [b.height]]))[0])
 
 
 def parameter_values(messages: Messages, notes: list[str], *, bytewise: bool) -> Array:
@@ -293,7 +287,7 @@ def message_lanes(series: Mapping[str, Series]) -> tuple[EstimatorLane, ...]:
     made = []
     for one in of_kind(series, "attitude"):
         if one.source in _NAMES:
-            _, t, q = attitudes(one.t, from_euler(one["roll_rad"], one["pitch_rad"], one["yaw_rad"]))
+            _, t, q = samples.attitudes(one.t, from_euler(one["roll_rad"], one["pitch_rad"], one["yaw_rad"]))
             unknown = np.full((len(t), 3), np.nan)
             made.append(EstimatorLane(t, q, unknown, unknown, _NAMES[one.source], None, one.source))
     return tuple(lane for lane in made if len(lane) > 1)

@@ -11,15 +11,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.logs import Records
-from companion.mavlink import Dialect, Messages, mode_name
+from companion.mavlink import Dialect, Index, Messages, mode_name
 from companion.model import Array, EstimatorReset, Event, ParameterChange, ResetKind, SensorInUse, StatusText, Vehicle
-from companion.telemetry.samples import majority
-from companion.telemetry.texts import words
+from companion.telemetry.parameters import words
+from companion.telemetry.samples import BoolArray, majority
 
 _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
     (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),
@@ -34,8 +35,6 @@ _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
     (re.compile(r"EKF height reset", re.ASCII), "height"),
 )
 """What a text announces; the first that matches."""
-
-Index = npt.NDArray[np.int64]
 
 _SAME_S = 2.0  # "EKF3 lane switch 1" and "EKF primary changed:1" are one change
 _DEGREE = float(np.radians(1.0))
@@ -83,7 +82,7 @@ def odometry_resets(odometry: Messages) -> tuple[EstimatorReset, ...]:
 
 def lane_changes(t: Array, primary: Index, words: str) -> Iterator[EstimatorReset]:
     """Where the primary core (N,) is another than before; words: with {before} and {core}."""
-    for i in (np.flatnonzero(np.diff(primary)) + 1).tolist():
+    for i in turns(primary):
         before, core = int(primary[i - 1]), int(primary[i])
         yield EstimatorReset(float(t[i]), "lane", words.format(before=before, core=core), core)
 
@@ -210,46 +209,50 @@ def landed_events(states: Messages) -> tuple[Event, ...]:
     known = np.flatnonzero(np.isfinite(t) & (states["landed_state"] != _UNDEFINED))
     aloft = states["landed_state"][known] != _ON_GROUND
     events = [Event(float(t[known[0]]), "event", "in the air")] if len(known) and aloft[0] else []
-    turns = (np.flatnonzero(np.diff(aloft)) + 1).tolist()
-    events += [Event(float(t[known[i]]), "event", "took off" if aloft[i] else "landed") for i in turns]
+    events += [Event(float(t[known[i]]), "event", "took off" if aloft[i] else "landed") for i in turns(aloft)]
     return tuple(events)
 
 
-def changes(
-    t: Array,
-    armed: npt.NDArray[np.bool_],
-    modes: npt.NDArray[np.integer[np.typing.NBitBase]],
-    name: Callable[[int], str],
-) -> tuple[Event, ...]:
+def changes(t: Array, armed: BoolArray, modes: npt.NDArray[Any], name: Callable[[int], str]) -> tuple[Event, ...]:
     """Events where the state of arming or the mode is another than before; all (N,), in order of time."""
     if not len(t):
         return ()
-    events = [Event(float(t[0]), "armed", "armed when the log begins")] if armed[0] else []
-    events.append(Event(float(t[0]), "mode", name(int(modes[0]))))
-    for i in (np.flatnonzero(np.diff(armed)) + 1).tolist():
+    return in_order([*arming(t, armed), *(Event(float(t[i]), "mode", name(int(modes[i]))) for i in (0, *turns(modes)))])
+
+
+def arming(t: Array, armed: BoolArray) -> Iterator[Event]:
+    """Where the vehicle is armed and disarmed (N,), one or more, and that it was armed when the log began."""
+    if armed[0]:
+        yield Event(float(t[0]), "armed", "armed when the log begins")
+    for i in turns(armed):
         word = "armed" if armed[i] else "disarmed"
-        events.append(Event(float(t[i]), word, word))
-    events += [Event(float(t[i]), "mode", name(int(modes[i]))) for i in (np.flatnonzero(np.diff(modes)) + 1).tolist()]
-    return in_order(events)
+        yield Event(float(t[i]), word, word)
+
+
+def turns(states: npt.NDArray[Any]) -> list[int]:
+    """Rows at which a state (N,) is another than in the row before."""
+    rows: list[int] = (np.flatnonzero(np.diff(states)) + 1).tolist()
+    return rows
 
 
 def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: Dialect) -> tuple[Event, ...]:
     """MODE, ARM, EV and ERR of an ArduPilot log."""
     events: list[Event] = []
-    for t, mode in _rows(records, "MODE", "ModeNum" if _has(records, "MODE", "ModeNum") else "Mode"):
+    for t, mode in numbers(records, "MODE", "ModeNum" if _has(records, "MODE", "ModeNum") else "Mode"):
         name = mode_name(dialect, vehicle.autopilot, vehicle.type, mode)
         if not events or events[-1].text != name:  # a log begins by repeating the present mode
             events.append(Event(t, "mode", name))
-    for t, state in _rows(records, "ARM", "ArmState"):
+    for t, state in numbers(records, "ARM", "ArmState"):
         events.append(Event(t, "armed" if state else "disarmed", "armed" if state else "disarmed"))
-    for t, number in _rows(records, "EV", "Id"):
+    for t, number in numbers(records, "EV", "Id"):
         if number in (_EV_ARMED, _EV_DISARMED):
             if not _has(records, "ARM", "ArmState"):  # older logs
                 events.append(Event(t, _EV[number], _EV[number]))
         else:
             events.append(Event(t, "event", _EV.get(number, f"event {number}")))
     # Where damage met the declaration of one of the two columns there are no rows of it.
-    for (t, subsystem), (_, code) in zip(_rows(records, "ERR", "Subsys"), _rows(records, "ERR", "ECode"), strict=False):
+    subsystems, codes = (numbers(records, "ERR", column) for column in ("Subsys", "ECode"))
+    for (t, subsystem), (_, code) in zip(subsystems, codes, strict=False):
         what = _ERR.get(subsystem, f"subsystem {subsystem}")
         events.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
     return in_order(events)
@@ -285,7 +288,8 @@ def _has(records: Mapping[str, Records], name: str, field: str) -> bool:
     return name in records and records[name].layout.has_numbers(field)
 
 
-def _rows(records: Mapping[str, Records], name: str, field: str) -> list[tuple[float, int]]:
+def numbers(records: Mapping[str, Records], name: str, field: str) -> list[tuple[float, int]]:
+    """Time, s, and whole number of each record; none where the log has no such column."""
     if not _has(records, name, field):
         return []
     one = records[name]

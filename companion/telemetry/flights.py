@@ -29,24 +29,14 @@ from companion.model import (
     SensorInUse,
     Vehicle,
 )
-from companion.telemetry import convert
+from companion.telemetry import convert, events
 from companion.telemetry.aiding import aiding_tracks, valid_position
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
 from companion.telemetry.clock import Clock, boot_seconds, device_time, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuator_track, control_track, message_truth
 from companion.telemetry.convert import SENSOR_MESSAGES, message_lanes, message_sensors
-from companion.telemetry.events import (
-    heartbeat_events,
-    imu_in_use,
-    in_order,
-    landed_events,
-    odometry_resets,
-    parameter_changes,
-    status_texts,
-    text_resets,
-)
-from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
+from companion.telemetry.quantities import Lazy, LazyTuple
 from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
 
 _ECHO_S = 2.0  # two identical frames within this time are one packet received twice
@@ -232,8 +222,10 @@ def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: D
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
     parameters, at_first, changes = _parameters(boot, known, notes)
-    texts = status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
-    resets = text_resets(texts) + (odometry_resets(messages["ODOMETRY"]) if "ODOMETRY" in messages else ())
+    texts = events.status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
+    resets = events.text_resets(texts)
+    if "ODOMETRY" in messages:
+        resets += events.odometry_resets(messages["ODOMETRY"])
     ardupilot = _is_ardupilot(boot.vehicle)
     flight = Flight(
         vehicle=boot.vehicle,
@@ -250,7 +242,7 @@ def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: D
         parameters=parameters,
         texts=texts,
         messages=stats,
-        imu_in_use=imu_in_use(resets, parameters, first) if ardupilot else None,
+        imu_in_use=events.imu_in_use(resets, parameters, first) if ardupilot else None,
         resets=tuple(sorted(resets, key=lambda reset: reset.t)),
         parameter_changes=changes,
     )
@@ -283,7 +275,7 @@ def _parameters(
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
     names = sent["param_id"].tolist()
     last, first = values_of(names, values), values_of(names, values, first=True)
-    changes = partial(parameter_changes, names, sent.t, values)
+    changes = partial(events.parameter_changes, names, sent.t, values)
     return {**known, **last}, {**known, **first}, LazyTuple(changes)
 
 
@@ -343,5 +335,5 @@ def _origin(messages: Sender) -> Origin | None:
 
 def _events(boot: Boot, dialect: Dialect) -> tuple[Event, ...]:
     beats, states = boot.messages.get("HEARTBEAT"), boot.messages.get("EXTENDED_SYS_STATE")
-    events = () if beats is None else heartbeat_events(beats, boot.vehicle, dialect)
-    return in_order(events + (() if states is None else landed_events(states)))
+    changes = () if beats is None else events.heartbeat_events(beats, boot.vehicle, dialect)
+    return events.in_order(changes + (() if states is None else events.landed_events(states)))

@@ -2,25 +2,72 @@
 
 The first source of a kind is called by the kind ("gps"), each further one by kind and source ("gps:GPS2_RAW");
 temperatures, of which each belongs to an IMU, always by both. What the columns mean is in docs/messages.md.
+
+Also here: values that are made when they are first read: of most of a flight, most never are.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, Series
-from companion.telemetry.lazy import Lazy
 from companion.telemetry.samples import increasing
 from companion.telemetry.sources import COLUMNS, NONE_IF_ZERO, SI, Source
 
+T = TypeVar("T")
 Raw = npt.NDArray[Any]
+
+
+class Lazy(Mapping[str, T]):
+    """Name → value, made once by the name's maker, which is forgotten with all that it held."""
+
+    def __init__(self, makers: Mapping[str, Callable[[], T]]) -> None:
+        self._names = tuple(makers)
+        self._makers = dict(makers)
+        self._known: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._known and name in self._makers:
+            self._known[name] = self._makers[name]()
+            del self._makers[name]
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class LazyTuple(Sequence[T]):
+    """A tuple whose items are made together, by its maker, when it is first looked into."""
+
+    def __init__(self, maker: Callable[[], Sequence[T]]) -> None:
+        self._maker: Callable[[], Sequence[T]] | None = maker
+        self._known: tuple[T, ...] = ()
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._items()[index]
+
+    def __len__(self) -> int:
+        return len(self._items())
+
+    def _items(self) -> tuple[T, ...]:
+        if self._maker is not None:
+            self._known = tuple(self._maker())
+            self._maker = None
+        return self._known
+
 
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""

@@ -5,24 +5,23 @@ A TIME record has the time of those that follow it. Source: PX4 v1.0 `src/module
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from companion.logs import Records
-from companion.model import Array, Event, Flight, ImuTrack, Vehicle, from_euler
+from companion.model import Event, Flight, ImuTrack, Vehicle, from_euler
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.control import control_of
-from companion.telemetry.events import in_order
+from companion.telemetry.events import arming, in_order
 from companion.telemetry.flights import arrival
-from companion.telemetry.parameters import identity, possible, setting_names, values_of
+from companion.telemetry.parameters import UNKNOWN, identity, possible, setting_names, values_of
 from companion.telemetry.quantities import Raw, raw_series, series_of
 from companion.telemetry.samples import attitude_track, attitudes, imu_track, place, position_track
 from companion.telemetry.sources import SDLOG2_SOURCES
-from companion.telemetry.texts import UNKNOWN
 
 _CLOCK = "TIME"
 _IMUS = ("IMU", "IMU1", "IMU2")
@@ -95,7 +94,7 @@ def sdlog2_flight(read: Mapping[str, Records], vehicle_types: Mapping[int, str])
         origin=zero,
         epoch=None if gps is None else epoch_of(gps["GPSTime"] * 1e-6, gps.t, "GPS"),
         series=series,
-        events=in_order(_arming(records["STAT"])) if "STAT" in records else (),
+        events=_arming(records.get("STAT")),
         parameters=parameters,
         messages={name: arrival(one.t, 0) for name, one in records.items()},
         on_board=True,
@@ -127,10 +126,5 @@ def _column(one: Records, field: str) -> Raw | None:
     return one.in_unit(field) if one.layout.has_numbers(field) else None
 
 
-def _arming(status: Records) -> Iterator[Event]:
-    armed: Array = np.asarray(status["ArmS"] == _ARMED)
-    if armed[0]:
-        yield Event(float(status.t[0]), "armed", "armed when the log begins")
-    for i in (np.flatnonzero(np.diff(armed)) + 1).tolist():
-        word = "armed" if armed[i] else "disarmed"
-        yield Event(float(status.t[i]), word, word)
+def _arming(status: Records | None) -> tuple[Event, ...]:
+    return () if status is None else in_order(arming(status.t, np.asarray(status["ArmS"] == _ARMED)))

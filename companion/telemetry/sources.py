@@ -15,35 +15,17 @@ import numpy as np
 from companion.model import IMU_MESSAGES, STANDARD_GRAVITY
 
 SI = {
-    "": 1.0,
+    **dict.fromkeys(("", "m/s/s", "m/s", "m", "rad/s", "rad", "Pa", "V", "A"), 1.0),
+    **dict.fromkeys(("cm", "cm/s", "cA", "cdegC", "hundredths"), 1e-2),
+    **dict.fromkeys(("mm", "mm/s", "mrad/s", "mV"), 1e-3),
     "mG": STANDARD_GRAVITY * 1e-3,
-    "mrad/s": 1e-3,
-    "m/s/s": 1.0,
-    "rad/s": 1.0,
-    "rad": 1.0,
-    "m": 1.0,
-    "m/s": 1.0,
-    "cm/s": 1e-2,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "mm/s": 1e-3,
-    "Pa": 1.0,
     "hPa": 100.0,
     "degC": 1.0,  # temperatures stay in °C, as every data sheet has them
-    "cdegC": 1e-2,
-    "deg": float(np.radians(1.0)),
-    "deglatitude": float(np.radians(1.0)),
-    "deglongitude": float(np.radians(1.0)),
+    **dict.fromkeys(("deg", "deglatitude", "deglongitude"), float(np.radians(1.0))),
     "cdeg": float(np.radians(1e-2)),
     "degE7": float(np.radians(1e-7)),
-    "gauss": 1e-4,  # tesla
-    "Gauss": 1e-4,
+    **dict.fromkeys(("gauss", "Gauss"), 1e-4),  # tesla
     "mgauss": 1e-7,
-    "hundredths": 1e-2,
-    "V": 1.0,
-    "mV": 1e-3,
-    "A": 1.0,
-    "cA": 1e-2,
     "percent": 1e-2,  # where it is to be a share: "%" as logs state it stays as it is
 }
 """Unit of MAVLink's dialects, of DataFlash's UNIT records or of PX4's topics → factor."""

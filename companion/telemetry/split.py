@@ -12,18 +12,20 @@ import numpy as np
 from companion.mavlink import Dialect, Frames, Messages
 from companion.model import IMU_MESSAGES, Array, Vehicle, counted
 from companion.telemetry.clock import (
+    ON_LINK,
     UNIX_S,
     Clock,
     IntArray,
     device_time,
+    left_out,
+    off_course,
     reboots,
     sender_clock,
     stale_start,
     steps_back,
 )
+from companion.telemetry.parameters import UNKNOWN, banner, release, words
 from companion.telemetry.samples import BoolArray, majority
-from companion.telemetry.texts import UNKNOWN, banner, release, words
-from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]
 

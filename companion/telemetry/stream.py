@@ -14,16 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import (
-    DEFAULT_DIALECT,
-    Decoder,
-    Frames,
-    Growing,
-    Messages,
-    grouped,
-    load_dialect,
-    log_time,
-)
+from companion.mavlink import DEFAULT_DIALECT, Collected, Decoder, Frames, Messages, load_dialect
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack
 from companion.telemetry import convert
 from companion.telemetry.clock import device_time, reboots, sender_clock
@@ -130,7 +121,7 @@ class Stream:
         self._dequantise = dequantise
         self._decoder = Decoder(self.dialect, stamped=stamped)
         self._busiest = BusiestSenders() if window_s is not None else None
-        self._columns: dict[str, Growing] = {}
+        self._collected = Collected(self.dialect, NEEDED)
         self._begin = self._newest = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
         self._firmware: dict[tuple[int, int], str] = {}  # vehicle → what it said it runs, which it may say only once
@@ -150,11 +141,7 @@ class Stream:
             frames = self._busiest.admit(frames)
         if received is not None:
             frames = replace(frames, stamp=np.full(len(frames), round(received * 1e6), np.uint64))
-        times = log_time(frames.stamp)
-        for layout, index in grouped(frames, self.dialect):
-            if layout.name not in self._columns:
-                self._columns[layout.name] = Growing(layout, with_rows=layout.name in NEEDED)
-            self._columns[layout.name].add(frames, index, times)
+        times = self._collected.add(frames)
         times = times[np.isfinite(times)]
         if len(times):
             self._newest = float(np.fmax(self._newest, times.max()))
@@ -164,13 +151,13 @@ class Stream:
 
     def flights(self) -> list[Flight]:
         """The flights in everything that is kept: without a window the same as those of the whole log."""
-        return self._flights({name: column.messages() for name, column in self._columns.items()})
+        return self._flights(self._collected.messages())
 
     def recent(self, seconds: float) -> list[Flight]:
         """The flights in what arrived in the last so many seconds: cheap enough for every frame of a display."""
         since = self._newest - seconds
-        columns = {name: column.messages() for name, column in self._columns.items()}
-        late = {n: messages if n in _TELLING else _since(messages, since) for n, messages in columns.items()}
+        every = self._collected.messages()
+        late = {n: messages if n in _TELLING else _since(messages, since) for n, messages in every.items()}
         return self._flights({name: messages for name, messages in late.items() if len(messages)})
 
     @property
@@ -184,19 +171,20 @@ class Stream:
         flight: one of `recent`, made of some of these messages. A tenth of the work of `recent`; None where only that
         can tell (see `newest_tracks`).
         """
-        columns = {name: self._columns[name] for name in sources(flight, imu) if name in self._columns}
+        types = self._collected.types
+        columns = {name: types[name] for name in sources(flight, imu) if name in types}
         newest = {name: _since(column.messages(), since) for name, column in columns.items()}
         return newest_tracks(flight, imu, newest, dequantise=self._dequantise)
 
     @property
     def messages(self) -> int:
         """How many messages are kept."""
-        return sum(len(column) for column in self._columns.values())
+        return sum(len(column) for column in self._collected.types.values())
 
     def _flights(self, messages: dict[str, Messages]) -> list[Flight]:
         ordered = dict(sorted(messages.items(), key=lambda item: int(item[1].offset[0])))
         several, _ = flights(dict(ordered), self.dialect, dequantise=self._dequantise)
-        if self.window_s is None and messages.keys() == self._columns.keys():
+        if self.window_s is None and messages.keys() == self._collected.types.keys():
             return several
         earlier = {who: self._reboots_before(who, sender) for who, sender in senders(ordered).items()}
         return [self._placed(flight, earlier[flight.vehicle.sysid, flight.vehicle.compid]) for flight in several]
@@ -228,11 +216,11 @@ class Stream:
 
     def _trim(self, since: float) -> None:
         self.flights()  # which remembers what is said only once: reboots, origin, firmware
-        for name, column in self._columns.items():
+        for name, column in self._collected.types.items():
             messages = column.messages()
             lasting = name in _PERSISTENT
             column.keep(_last_of_each(messages, _PERSISTENT[name]) if lasting else ~(messages.log_time < since))
-        self._columns = {name: column for name, column in self._columns.items() if len(column)}
+        self._collected.types = {name: column for name, column in self._collected.types.items() if len(column)}
         self._begin = since
 
 

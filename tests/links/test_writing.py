@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.links import Recorder
-from companion.logs import TlogWriter, log_format, read_tlog
+from companion.logs import log_format, read_tlog
 from companion.mavlink import Decoder, Packer, load_dialect
 from companion.model import InputError
 from tests.links.link import link_frames, stamped
@@ -31,12 +31,14 @@ def test_a_payload_that_is_laid_out_already_makes_the_same_frame() -> None:
             assert packer.frame(layout, row.tobytes()) == other.pack(name, fields)
 
 
-def test_a_link_recorded_as_it_comes(tmp_path: Path) -> None:
+def test_a_link_recorded_as_it_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frames = list(link_frames(100, signed=True))
     decoder = Decoder(DIALECT, stamped=False)
-    with TlogWriter(tmp_path / "link.tlog") as writer:
-        for index, frame in enumerate(frames):
-            writer.write(decoder.push(frame), EPOCH + index / 10)
+    times = iter(EPOCH + index / 10 for index in range(len(frames)))
+    monkeypatch.setattr(time, "time", lambda: next(times))
+    with Recorder(tmp_path / "link.tlog") as recorder:
+        for frame in frames:
+            recorder.write(decoder.push(frame))
     expected = b"".join(stamped(frame, round((EPOCH + i / 10) * 1e6)) for i, frame in enumerate(frames))
     assert (tmp_path / "link.tlog").read_bytes() == expected
 
@@ -104,4 +106,4 @@ def test_nothing_that_can_be_decompressed(tmp_path: Path) -> None:
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        TlogWriter(tmp_path / "no" / "such.tlog")
+        Recorder(tmp_path / "no" / "such.tlog")

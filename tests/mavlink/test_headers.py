@@ -78,5 +78,5 @@ def test_what_is_no_chain_is_not_followed() -> None:
 def test_many_bytes_are_searched_as_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     frames = b"".join(link_frames(300))
     assert len(frames) > CHAIN_BYTES
-    monkeypatch.setattr("companion.mavlink.frames.chain_of", lambda *_: pytest.fail("frame by frame"))
+    monkeypatch.setattr("companion.mavlink.headers.chain_of", lambda *_: pytest.fail("frame by frame"))
     assert len(Decoder(DIALECT, stamped=False).push(frames)) == 300

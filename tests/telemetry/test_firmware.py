@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.telemetry.texts import UNKNOWN, banner, vehicle_type
+from companion.telemetry.parameters import UNKNOWN, banner, vehicle_type
 from tests.dataflash_writer import write_dataflash
 from tests.tlogs import Writer
 from tests.ulogs import ulog

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import companion as c
 from companion.model import Array
-from companion.telemetry.timestamps import ON_BOARD, ON_LINK, Course, off_course
+from companion.telemetry.clock import ON_BOARD, ON_LINK, Course, off_course
 from tests.tlogs import EPOCH, Writer
 
 COURSES = [ON_BOARD, ON_LINK]

@@ -45,112 +45,122 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
 """Columns that these records must have."""
 
 
-def of_cores(records: Mapping[str, Records], name: str) -> dict[int, Records]:
-    """The records of each core. name: of the first core ("XKF1", "XKQ")."""
-    if name in records and records[name].instances:
-        one = records[name]
-        return {int(core): one.instance(core) for core in one.instances}
-    names = (f"{name}1", f"{name}2") if name.endswith("Q") else (name, name[:2] + _SECOND.get(name[2:], ""))
-    return {core: records[own] for core, own in enumerate(names) if own in records}
+@dataclass(frozen=True, slots=True, eq=False)
+class Ekf:
+    """The EKF that flew, with all that the log has, and the core of it that flew for most of the log."""
 
-
-@dataclass(frozen=True, slots=True)
-class Flew:
-    """The EKF and the core of it that flew for most of the log."""
-
-    prefix: str  # "XK", "NK" or "EK"
+    records: Mapping[str, Records]
+    parameters: Mapping[str, float]
+    prefix: str  # of its records: "XK", "NK" or "EK"
     core: int
     cores: tuple[int, ...]  # all that were primary at some time
 
+    @property
+    def name(self) -> str:
+        """ "EKF3"."""
+        return f"EKF{_EKFS[self.prefix][0]}"
 
-def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Flew:
-    """By AHRS_EKF_TYPE where several were running, and XKF4.PI."""
-    kind = parameters.get("AHRS_EKF_TYPE")
-    present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
-    prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
-    if (status := primary_cores(records, prefix)) is None:
-        return Flew(prefix, 0, (0,))
-    return Flew(prefix, commonest(status["PI"]), tuple(np.unique(status["PI"]).tolist()))
+    @property
+    def primary(self) -> Records | None:
+        """The records that tell its primary core in PI."""
+        return _primary_cores(self.records, self.prefix)
 
+    def of_cores(self, name: str) -> dict[int, Records]:
+        """Its records of each core. name: of the first core, without the prefix ("F1", "Q")."""
+        records, first = self.records, self.prefix + name
+        if first in records and records[first].instances:
+            one = records[first]
+            return {int(core): one.instance(core) for core in one.instances}
+        names = (f"{first}1", f"{first}2") if name == "Q" else (first, self.prefix + _SECOND.get(name, ""))
+        return {core: records[own] for core, own in enumerate(names) if own in records}
 
-def primary_cores(records: Mapping[str, Records], prefix: str) -> Records | None:
-    """The records of an EKF that tell its primary core in PI."""
-    status = records.get(f"{prefix}F4")
-    return status if status is not None and status.layout.has_numbers("PI") else None
+    def imu_of(self, core: int) -> int | None:
+        """The IMU of a core; None for one that the mask has not, and for the first EKF, which mixes two IMUs."""
+        mask = _EKFS[self.prefix][1]
+        return events.imu_of_core(core, self.parameters.get(mask, np.nan)) if mask else None
 
-
-def reference_core(records: Mapping[str, Records], mine: Flew, chosen: int | None, notes: list[str]) -> int:
-    """The EKF core to compare with, noted when that is not simply the one that always flew.
-
-    Raises DataError for a core that the log has not.
-    """
-    if len(mine.cores) > 1:
-        notes.append(f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference")
-    if chosen is None or chosen == mine.core:
-        return mine.core
-    known = sorted({core for name in ("Q", "F1") for core in of_cores(records, mine.prefix + name)})
-    if chosen not in known:
-        have = ", ".join(map(str, known)) or "one without a number"
-        raise DataError(f"the log has no EKF core {chosen}. It has: {have}; the one that flew is {mine.core}.")
-    notes.append(f"EKF core {chosen} is the reference, as asked; the one that flew is {mine.core}")
-    return chosen
-
-
-def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
-    """The IMU of a core; None for one that the mask has not, and for the first EKF, which mixes two IMUs."""
-    mask = _EKFS[prefix][1]
-    return events.imu_of_core(core, parameters.get(mask, np.nan)) if mask else None
-
-
-def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:
-    """The IMU of the primary core (XKF4.PI), from each change on."""
-    if (status := primary_cores(records, mine.prefix)) is None:
-        return None
-    imus = {core: imu_of_core(core, mine.prefix, parameters) for core in mine.cores if core >= 0}
-    known = {core: imu for core, imu in imus.items() if imu is not None}
-    instance = np.array([known.get(core, -1) for core in status["PI"].tolist()], np.int64)
-    return in_use(f"{status.name}.PI", status.t, instance, instance >= 0)
+    def sensors_of(self, core: int) -> dict[str, SensorInUse]:
+        """Which receiver, compass, barometer and airspeed sensor a core used, from each change on (XKFS)."""
+        one = self.of_cores("FS").get(core)
+        if one is None:
+            return {}
+        used = {
+            kind: in_use(f"{one.name}.{column}", one.t, one[column].astype(np.int64))
+            for kind, column in _SELECTION.items()
+            if one.layout.has_numbers(column)
+        }
+        return {kind: sensor for kind, sensor in used.items() if sensor is not None}
 
 
 _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
 """Kind of sensor → the column of XKFS with the number of the one that a core uses."""
 
 
-def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
-    """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
-    return sensors_of_core(records, mine.prefix, mine.core)
+def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Ekf:
+    """By AHRS_EKF_TYPE where several were running, and XKF4.PI."""
+    kind = parameters.get("AHRS_EKF_TYPE")
+    present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
+    prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
+    status = _primary_cores(records, prefix)
+    primary = np.zeros(1, np.int64) if status is None else status["PI"]
+    return Ekf(records, parameters, prefix, commonest(primary), tuple(np.unique(primary).tolist()))
 
 
-def sensors_of_core(records: Mapping[str, Records], prefix: str, core: int) -> dict[str, SensorInUse]:
-    """The same of any core."""
-    one = of_cores(records, f"{prefix}FS").get(core)
-    if one is None:
-        return {}
-    used = {
-        kind: in_use(f"{one.name}.{column}", one.t, one[column].astype(np.int64))
-        for kind, column in _SELECTION.items()
-        if one.layout.has_numbers(column)
-    }
-    return {kind: sensor for kind, sensor in used.items() if sensor is not None}
+def _primary_cores(records: Mapping[str, Records], prefix: str) -> Records | None:
+    status = records.get(f"{prefix}F4")
+    return status if status is not None and status.layout.has_numbers("PI") else None
 
 
-def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:
+def reference_core(ekf: Ekf, chosen: int | None, notes: list[str]) -> int:
+    """The EKF core to compare with, noted when that is not simply the one that always flew.
+
+    Raises DataError for a core that the log has not.
+    """
+    if len(ekf.cores) > 1:
+        notes.append(f"the EKF changed its primary core ({list(ekf.cores)}): core {ekf.core} is the reference")
+    if chosen is None or chosen == ekf.core:
+        return ekf.core
+    known = sorted({core for name in ("Q", "F1") for core in ekf.of_cores(name)})
+    if chosen not in known:
+        have = ", ".join(map(str, known)) or "one without a number"
+        raise DataError(f"the log has no EKF core {chosen}. It has: {have}; the one that flew is {ekf.core}.")
+    notes.append(f"EKF core {chosen} is the reference, as asked; the one that flew is {ekf.core}")
+    return chosen
+
+
+def imu_in_use(ekf: Ekf) -> SensorInUse | None:
+    """The IMU of the primary core (XKF4.PI), from each change on."""
+    if (status := ekf.primary) is None:
+        return None
+    imus = {core: ekf.imu_of(core) for core in ekf.cores if core >= 0}
+    known = {core: imu for core, imu in imus.items() if imu is not None}
+    instance = np.array([known.get(core, -1) for core in status["PI"].tolist()], np.int64)
+    return in_use(f"{status.name}.PI", status.t, instance, instance >= 0)
+
+
+def lane_in_use(ekf: Ekf) -> SensorInUse | None:
+    """The core that flew, from each change on (XKF4.PI)."""
+    if (status := ekf.primary) is None:
+        return None
+    core = status["PI"].astype(np.int64)
+    return in_use(f"{status.name}.PI", status.t, core, core >= 0)
+
+
+def bias_tracks(ekf: Ekf) -> tuple[BiasTrack, ...]:
     """What each core believes, that of the core that flew first, in the frame of the logged IMUs.
 
     Gyro biases are logged in 0.01 deg/s, accelerometer biases in 0.01 m/s², cut towards zero. EKF2 knows the z axis of
     the accelerometer only; its predecessor has one for each IMU, in columns that changed their names.
     """
-    estimates, others = (of_cores(records, mine.prefix + name) for name in ("F1", "F2"))
+    estimates, others = (ekf.of_cores(name) for name in ("F1", "F2"))
     tracks = (
-        _bias_track(records, one, others.get(core), core, imu_of_core(core, mine.prefix, parameters))
-        for core, one in sorted(estimates.items(), key=lambda item: (item[0] != mine.core, item[0]))
+        _bias_track(ekf, one, others.get(core), core)
+        for core, one in sorted(estimates.items(), key=lambda item: (item[0] != ekf.core, item[0]))
     )
     return tuple(track for track in tracks if len(track))
 
 
-def _bias_track(
-    records: Mapping[str, Records], estimate: Records, other: Records | None, core: int, imu: int | None
-) -> BiasTrack:
+def _bias_track(ekf: Ekf, estimate: Records, other: Records | None, core: int) -> BiasTrack:
     t = estimate.t
     gyro = np.radians(estimate.columns("GX", "GY", "GZ"))
     accel = np.full((len(t), 3), np.nan)
@@ -161,21 +171,23 @@ def _bias_track(
         if other.layout.has_numbers("AZbias"):
             accel[:, 2] = np.interp(t, other.t, other["AZbias"] * 0.01)
     keep = increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
-    gyro_sigma, accel_sigma = _sigmas(records, estimate.name, core, t)
+    gyro_sigma, accel_sigma = _sigmas(ekf, core, t)
     source = f"{estimate.name}[{core}]"
-    return BiasTrack(t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, imu)
+    return BiasTrack(
+        t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, ekf.imu_of(core)
+    )
 
 
-def _sigmas(records: Mapping[str, Records], name: str, core: int, t: Array) -> tuple[Array, Array]:
+def _sigmas(ekf: Ekf, core: int, t: Array) -> tuple[Array, Array]:
     """1σ of both biases (N, 3): XKV1 and XKV2 of the core that flies, about twice a second.
 
     They are variances of a delta angle and a delta velocity over one update of the EKF, whose length XKT has.
     """
     gyro, accel = np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
-    first, second = (of_cores(records, own).get(core) for own in ("XKV1", "XKV2"))
-    if not name.startswith("XK") or first is None or second is None:
+    first, second = (ekf.of_cores(own).get(core) for own in ("V1", "V2"))
+    if ekf.prefix != "XK" or first is None or second is None:
         return gyro, accel
-    timing = of_cores(records, "XKT").get(core)
+    timing = ekf.of_cores("T").get(core)
     dt = _TARGET_DT if timing is None else float(np.median(0.5 * (timing["EKFMin"] + timing["EKFMax"])))
     if not 1e-3 < dt < 0.1:
         dt = _TARGET_DT
@@ -190,16 +202,9 @@ _EVENTS: Mapping[int, tuple[ResetKind, str]] = {60: ("height", "EKF height reset
 _SAME_S = 0.5  # an event and a text of the same kind within it are one reset
 
 
-def resets(
-    records: Mapping[str, Records], texts: Sequence[StatusText], parameters: Mapping[str, float], mine: Flew
-) -> tuple[EstimatorReset, ...]:
+def resets(ekf: Ekf, texts: Sequence[StatusText]) -> tuple[EstimatorReset, ...]:
     """All that are announced of the EKF that flew, in order of time, each once."""
-    announced = [
-        *_by_text(texts, parameters, mine),
-        *_by_event(records),
-        *_by_offset(records, mine),
-        *_lanes(records, mine),
-    ]
+    announced = [*_by_text(ekf, texts), *_by_event(ekf), *_by_offset(ekf), *_lanes(ekf)]
     kept: list[EstimatorReset] = []
     for one in sorted(announced, key=lambda reset: reset.t):
         again = any(
@@ -213,24 +218,23 @@ def resets(
     return tuple(kept)
 
 
-def _by_text(texts: Sequence[StatusText], parameters: Mapping[str, float], mine: Flew) -> Iterator[EstimatorReset]:
+def _by_text(ekf: Ekf, texts: Sequence[StatusText]) -> Iterator[EstimatorReset]:
     """Texts name the IMU of a core."""
-    cores = {imu: core for core in range(8) if (imu := imu_of_core(core, mine.prefix, parameters)) is not None}
+    cores = {imu: core for core in range(8) if (imu := ekf.imu_of(core)) is not None}
     for reset in events.text_resets(texts):
         core = reset.core
         yield reset if core is None or reset.kind == "lane" else replace(reset, core=cores.get(core, core))
 
 
-def _by_event(records: Mapping[str, Records]) -> Iterator[EstimatorReset]:
-    if "EV" in records and records["EV"].layout.has_numbers("Id"):
-        for t, number in zip(records["EV"].t.tolist(), records["EV"]["Id"].tolist(), strict=True):
-            if number in _EVENTS:
-                yield EstimatorReset(t, *_EVENTS[number])
+def _by_event(ekf: Ekf) -> Iterator[EstimatorReset]:
+    for t, number in events.numbers(ekf.records, "EV", "Id"):
+        if number in _EVENTS:
+            yield EstimatorReset(t, *_EVENTS[number])
 
 
-def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorReset]:
+def _by_offset(ekf: Ekf) -> Iterator[EstimatorReset]:
     """XKF4.OFN and OFE: by how much the position was reset last, m."""
-    for core, one in of_cores(records, f"{mine.prefix}F4").items():
+    for core, one in ekf.of_cores("F4").items():
         if not one.layout.has_numbers("OFN", "OFE") or len(one) < 2:
             continue
         offset = one.columns("OFN", "OFE")
@@ -240,9 +244,9 @@ def _by_offset(records: Mapping[str, Records], mine: Flew) -> Iterator[Estimator
                 yield EstimatorReset(float(one.t[i]), "position", f"EKF position reset of {size:.2f} m", core)
 
 
-def _lanes(records: Mapping[str, Records], mine: Flew) -> Iterator[EstimatorReset]:
+def _lanes(ekf: Ekf) -> Iterator[EstimatorReset]:
     """Changes of XKF4.PI."""
-    if (one := primary_cores(records, mine.prefix)) is not None:
+    if (one := ekf.primary) is not None:
         words = "the EKF's primary core is {core}, and was {before}"
         yield from events.lane_changes(one.t, one["PI"].astype(np.int64), words)
 

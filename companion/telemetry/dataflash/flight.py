@@ -34,17 +34,23 @@ from companion.model import (
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.control import actuators_of, control_of, side_by_side, truth_track
-from companion.telemetry.convert import trim
 from companion.telemetry.dataflash import cores, imu, pose
-from companion.telemetry.dataflash.pose import ekf_origin, turned_by
-from companion.telemetry.dataflash.rows import with_times
-from companion.telemetry.dataflash.sensors import NEEDED, record_sensors
+from companion.telemetry.dataflash.pose import ekf_origin, in_frame
+from companion.telemetry.dataflash.sensors import NEEDED, record_sensors, with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.flights import arrival
-from companion.telemetry.parameters import declination, identity, possible, setting_names, values_of
+from companion.telemetry.parameters import (
+    banner,
+    declination,
+    identity,
+    possible,
+    setting_names,
+    values_of,
+    vehicle_type,
+    words,
+)
 from companion.telemetry.samples import increasing
 from companion.telemetry.sources import SI
-from companion.telemetry.texts import banner, vehicle_type, words
 
 _OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
 """Records of the outputs → how many they have; each goes on where the one before ends."""
@@ -76,47 +82,38 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
     return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
 
 
-def control(
-    records: Mapping[str, Records], parameters: Mapping[str, float], *, in_imu_frame: bool
-) -> ControlTrack | None:
+def control(ekf: cores.Ekf, *, in_imu_frame: bool) -> ControlTrack | None:
     """The desired attitude of ATT, in the frame of the attitude track.
 
     in_imu_frame: that is the IMU's; ATT speaks of the vehicle's, which AHRS_TRIM turns.
     """
-    one = records.get("ATT")
+    one = ekf.records.get("ATT")
     if one is None or not one.layout.has_numbers(*_DESIRED):
         return None
     angles = np.radians(one.columns(*_DESIRED))
     if not angles.any():
         return None
-    q = from_euler(*angles.T)
-    if in_imu_frame and (level := trim(parameters)) is not None:
-        q = turned_by(q, from_euler(*level, 0.0))
-    return control_of("ATT", one.t, q)
+    return control_of("ATT", one.t, in_frame(from_euler(*angles.T), ekf.parameters, of_imu=in_imu_frame))
 
 
 def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
     """RCOU: the first 8 or 14 outputs; RCO2 and RCO3: 15 to 18, and 19 to 32. None where none of them is in use."""
-    banks: list[tuple[Array, Array]] = []
-    for name, count in _OUTPUTS.items():
-        one = records.get(name)
-        if one is None and not banks:
-            return None
-        pulses = _pulses(one, count)
-        keep = slice(0) if one is None else increasing(one.t, np.isfinite(one.t))
-        banks.append((np.zeros(0) if one is None else one.t[keep], pulses[keep]))
+    if "RCOU" not in records:
+        return None
+    banks = [_bank(records.get(name), count) for name, count in _OUTPUTS.items()]
     return actuators_of("RCOU", *side_by_side(banks), parameters)
 
 
-def _pulses(one: Records | None, count: int) -> Array:
-    """µs (N, count), NaN for outputs that the records lack."""
+def _bank(one: Records | None, count: int) -> tuple[Array, Array]:
+    """Times (N,) s, increasing, and pulses (N, count) in µs, NaN for outputs that the records lack."""
     if one is None:
-        return np.zeros((0, count))
+        return np.zeros(0), np.zeros((0, count))
     names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)][:count]
     pulses = np.full((len(one), count), np.nan)
     for i, name in enumerate(names):
         pulses[:, i] = one[name]
-    return pulses
+    keep = increasing(one.t, np.isfinite(one.t))
+    return one.t[keep], pulses[keep]
 
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
@@ -173,12 +170,12 @@ def dataflash_flight(
     times = {name: records[name].t for name in sorted(records) if len(records[name])}
     records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
     parameters = _parameters(records)
-    flew = cores.flew(records, parameters)
+    ekf = cores.flew(records, parameters)
     notes: list[str] = []
-    core = cores.reference_core(records, flew, core, notes)
-    flight = _without_tracks(records, times, parameters, flew, dialect)
+    core = cores.reference_core(ekf, core, notes)
+    flight = _without_tracks(ekf, times, dialect)
     del times
-    return _with_tracks(flight, records, flew, core, [*notes, *damaged, *wrong])
+    return _with_tracks(flight, records, ekf, core, [*notes, *damaged, *wrong])
 
 
 def why_no_flight(messages: Mapping[str, Records]) -> str:
@@ -190,13 +187,8 @@ def why_no_flight(messages: Mapping[str, Records]) -> str:
     return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"
 
 
-def _without_tracks(
-    records: Mapping[str, Records],
-    times: Mapping[str, Array],
-    parameters: Mapping[str, float],
-    flew: cores.Flew,
-    dialect: Dialect,
-) -> Flight:
+def _without_tracks(ekf: cores.Ekf, times: Mapping[str, Array], dialect: Dialect) -> Flight:
+    records, parameters = ekf.records, ekf.parameters
     vehicle = _vehicle(records, parameters)
     begin, end = (float(edge) for edge in (min(t[0] for t in times.values()), max(t[-1] for t in times.values())))
     texts = _texts(records)
@@ -217,27 +209,27 @@ def _without_tracks(
         on_board=True,
         actuators=actuators(records, parameters),
         truth=truth(records),
-        imu_in_use=cores.imu_in_use(records, parameters, flew),
-        aiding_in_use=cores.aiding_in_use(records, flew),
-        lane_in_use=pose.lane_in_use(records, flew),
-        resets=cores.resets(records, texts, parameters, flew),
+        imu_in_use=cores.imu_in_use(ekf),
+        aiding_in_use=ekf.sensors_of(ekf.core),
+        lane_in_use=cores.lane_in_use(ekf),
+        resets=cores.resets(ekf, texts),
         parameter_changes=cores.parameter_changes(records),
     )
 
 
-def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, core: int, notes: list[str]) -> Flight:
+def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, core: int, notes: list[str]) -> Flight:
     """The IMUs, and all that lives in their frame: where only ATT tells the attitude, theirs becomes that of ATT."""
-    series = record_sensors(records, flew.prefix, core, notes)
+    series = record_sensors(ekf, core, notes)
     imus = imu.imu_tracks(records, flight.vehicle, flight.parameters, notes)
-    biases = cores.bias_tracks(records, flight.parameters, flew)
-    sampled = pose.attitude(records, flew, core, flight.parameters)
+    biases = cores.bias_tracks(ekf)
+    sampled = pose.attitude(ekf, core)
     in_imu_frame, turns = sampled is not None and sampled[2] != "ATT", convert.UNTURNED
     if sampled is not None and not in_imu_frame:
         turns = convert.turns(_parameters(records, first=True), notes, flight.parameter_changes)
     imus = {name: convert.turned(track, turns) for name, track in imus.items()}
     biases = tuple(convert.turned(one, turns) for one in biases)
     own = next((bias for bias in biases if bias.core == core), None)
-    position = pose.position(records, flew, core, flight.parameters, notes)
+    position = pose.position(ekf, core, notes)
     return replace(
         flight,
         imus=imus,
@@ -246,8 +238,8 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         series=series,
         **aiding_tracks(series, notes, turns),
         biases=biases,
-        control=control(records, flight.parameters, in_imu_frame=in_imu_frame),
-        lanes=pose.lanes(records, flight.parameters, flew, in_imu_frame=in_imu_frame),
+        control=control(ekf, in_imu_frame=in_imu_frame),
+        lanes=pose.lanes(ekf, in_imu_frame=in_imu_frame),
     )
 
 

@@ -1,13 +1,11 @@
 """The IMUs of an ArduPilot log: IMU (filtered, at the logger's rate), and ACC and GYR (unfiltered, every sample).
 
-Batches of every sample of one sensor for a second or so (ISBH, ISBD) show vibration; there is nothing to integrate.
-Sources: ArduPilot `AP_InertialSensor_Logging.cpp`, `AP_InertialSensor_Backend.cpp` (log_gyro_raw), `BatchSampler.cpp`
-(type 0 is the accelerometer, 1 the gyro), `mavfft_isb.py`.
+Sources: ArduPilot `AP_InertialSensor_Logging.cpp`, `AP_InertialSensor_Backend.cpp` (log_gyro_raw), `BatchSampler.cpp`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs import Records
-from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
-from companion.telemetry.dataflash.rows import sources
+from companion.model import Array, ImuTrack, Vehicle, interpolated
+from companion.telemetry.clock import LONGEST_WAIT_S
+from companion.telemetry.dataflash.sensors import sources
 from companion.telemetry.parameters import known_ranges, with_facts
-from companion.telemetry.quantities import RawSeries
 from companion.telemetry.samples import imu_track, increasing
-from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
 _IMU = ("IMU", "IMU2", "IMU3")
@@ -158,43 +155,3 @@ def _batch_note(headers: Records) -> str:
         f"ISBH: batches of {int(np.median(headers['smp_cnt']))} samples at {rate:.0f} Hz ({counts}): they show "
         "vibration (series `gyro_batch`, `accel_batch`), but are too short and apart to be integrated"
     )
-
-
-_KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radps"))
-_AXES = "xyz"
-
-
-def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries]:
-    """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with gaps between the batches."""
-    if not {"ISBH", "ISBD"} <= records.keys():
-        return
-    heads, data = records["ISBH"], records["ISBD"]
-    if any(data.layout.kind(axis) != "V" for axis in _AXES):
-        notes.append(
-            f"ISBD: {counted(len(data), 'record')} left out: the log declares their columns otherwise than ArduPilot"
-        )
-        return
-    head = np.searchsorted(heads.offset, data.offset) - 1
-    mine = (head >= 0) & (heads["N"][head] == data["N"])
-    if lost := int((~mine).sum()):
-        notes.append(f"ISBD: {lost} of {len(data)} left out: the head of their batch is not in the log")
-    sensors = np.column_stack([heads["type"], heads["instance"]])
-    for kind, instance in np.unique(sensors, axis=0).tolist():
-        rows = np.flatnonzero(mine & (sensors[head] == (kind, instance)).all(axis=1))
-        if kind < len(_KINDS) and len(rows):
-            name, sensor, unit = _KINDS[kind]
-            t, values = _samples(heads.select(head[rows]), data.select(rows))
-            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
-            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
-
-
-def _samples(heads: Records, data: Records) -> tuple[Array, Array]:
-    """Times (N,) s and readings (N, 3) of records, each with the head of its batch."""
-    raw = np.stack([data[axis].astype(np.float64) for axis in _AXES], axis=-1)
-    count = raw.shape[1]
-    place = data["seqno"].astype(np.float64)[:, None] * count + np.arange(count)
-    rate, scale = heads["smp_rate"].astype(np.float64), heads["mul"].astype(np.float64)
-    rate, scale = np.where(rate > 0, rate, np.nan), np.where(scale > 0, scale, np.nan)
-    t = heads["SampleUS"].astype(np.float64)[:, None] * 1e-6 + place / rate[:, None]
-    t[place >= heads["smp_cnt"].astype(np.float64)[:, None]] = np.nan  # the last record of a batch is filled up
-    return t.ravel(), (raw / scale[:, None, None]).reshape(-1, 3)

@@ -22,7 +22,6 @@ from companion.model import (
     ImuTrack,
     Origin,
     PositionTrack,
-    SensorInUse,
     from_euler,
     integrated,
     interpolated,
@@ -30,15 +29,9 @@ from companion.model import (
 from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.convert import trim
-from companion.telemetry.dataflash.cores import (
-    Flew,
-    imu_of_core,
-    of_cores,
-    primary_cores,
-    sensors_of_core,
-)
+from companion.telemetry.dataflash.cores import Ekf
 from companion.telemetry.parameters import NOT_EKF
-from companion.telemetry.samples import BoolArray, attitude_track, attitudes, in_use, place, position_track
+from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
 
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
@@ -50,27 +43,25 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
 """Columns that these records must have."""
 
 
-def attitude(
-    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float]
-) -> tuple[Array, Array, str] | None:
+def attitude(ekf: Ekf, core: int) -> tuple[Array, Array, str] | None:
     """Times (N,) s, quaternions (N, 4) and source of the attitude that flew: of its EKF core, else ATT.
 
     None for fewer than two.
     """
-    one = of_cores(records, f"{mine.prefix}Q").get(core)
-    if one is not None and not by_dcm(parameters):
+    one = ekf.of_cores("Q").get(core)
+    if one is not None and not _by_dcm(ekf):
         q = one.columns("Q1", "Q2", "Q3", "Q4")
-    elif (one := records.get("ATT")) is not None:
-        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
+    elif (one := ekf.records.get("ATT")) is not None:
+        q = _angles(one)
     else:
         return None
     _, t, q = attitudes(one.t, q)
     return (t, q, one.name) if len(t) > 1 else None
 
 
-def by_dcm(parameters: Mapping[str, float]) -> bool:
+def _by_dcm(ekf: Ekf) -> bool:
     """Whether the vehicle flew by DCM, and its EKFs only ran along."""
-    return parameters.get("AHRS_EKF_TYPE", parameters.get("AHRS_EKF_USE", 1.0)) == 0
+    return ekf.parameters.get("AHRS_EKF_TYPE", ekf.parameters.get("AHRS_EKF_USE", 1.0)) == 0
 
 
 def with_rates(
@@ -102,29 +93,31 @@ def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
     return np.asarray(rates)
 
 
-def position(
-    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float], notes: list[str]
-) -> PositionTrack | None:
+def position(ekf: Ekf, core: int, notes: list[str]) -> PositionTrack | None:
     """XKF1, NKF1 or EKF1 while the filter calls its horizontal position known."""
-    one = of_cores(records, f"{mine.prefix}F1").get(core)
+    one = ekf.of_cores("F1").get(core)
     if one is None:
         return None
-    if by_dcm(parameters):
+    if _by_dcm(ekf):
         notes.append(f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM")
         return None
-    if (kind := parameters.get("AHRS_EKF_TYPE", np.nan)) in NOT_EKF:
+    if (kind := ekf.parameters.get("AHRS_EKF_TYPE", np.nan)) in NOT_EKF:
         notes.append(
             f"AHRS_EKF_TYPE: the vehicle flew by {NOT_EKF[kind]}: {one.name}'s EKF, which is judged, only ran along"
         )
     ned, velocity = (
         np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
     )
-    good = np.ones(len(one), np.bool_)
-    solution = of_cores(records, f"{mine.prefix}F4").get(core)
-    if solution is not None and len(solution) and solution.layout.has_numbers("SS"):
-        good = has_position(one.t, solution.t, solution["SS"].astype(np.float64))
+    good = _has_position(one.t, ekf.of_cores("F4").get(core))
     track = position_track(one.name, one.t, ned, velocity, good, notes)
-    return None if track is None else replace(track, source=f"{mine.prefix}F1")
+    return None if track is None else replace(track, source=f"{ekf.prefix}F1")
+
+
+def _has_position(t: Array, status: Records | None) -> BoolArray:
+    """(N,) whether a core calls its horizontal position known at times t (N,) s; where it tells nothing, it is."""
+    if status is None or not status.layout.has_numbers("SS"):
+        return np.ones(len(t), np.bool_)
+    return has_position(t, status.t, status["SS"].astype(np.float64))
 
 
 def origin(records: Mapping[str, Records]) -> Origin | None:
@@ -177,51 +170,35 @@ def epoch(records: Mapping[str, Records]) -> Epoch | None:
     return epoch_of(gps_to_unix(week, seconds), gps.t[fixed], "GPS")
 
 
-def turned_by(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (N, 4) with one (4,): first b, then a."""
-    w, x, y, z = b
-    right = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
-    return np.asarray(a @ right)
+def in_frame(q: Array, parameters: Mapping[str, float], *, of_imu: bool) -> Array:
+    """Attitudes (N, 4) of the vehicle as those of its IMU, where these are wanted: AHRS_TRIM turns them."""
+    if not of_imu or (level := trim(parameters)) is None:
+        return q
+    w, x, y, z = from_euler(*level, 0.0)  # the Hamilton product with this one from the right
+    return np.asarray(q @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]))
 
 
 _EULER = ("Roll", "Pitch", "Yaw")
 _STATES = ("PN", "PE", "PD", "VN", "VE", "VD")
-_EKF_NAMES = {"XK": "EKF3", "NK": "EKF2", "EK": "EKF1"}
 _LONGEST_WAIT_S = 0.05  # XKQ and XKF1 of a core are written one after the other
 
 
-def lane_in_use(records: Mapping[str, Records], mine: Flew) -> SensorInUse | None:
-    """The core that flew, from each change on (XKF4.PI)."""
-    status = primary_cores(records, mine.prefix)
-    if status is None:
-        return None
-    core = status["PI"].astype(np.int64)
-    return in_use(f"{status.name}.PI", status.t, core, core >= 0)
-
-
-def lanes(
-    records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew, *, in_imu_frame: bool
-) -> tuple[EstimatorLane, ...]:
+def lanes(ekf: Ekf, *, in_imu_frame: bool) -> tuple[EstimatorLane, ...]:
     """The cores of the EKF that flew in order of their numbers, then DCM; in the frame of the attitude track.
 
     in_imu_frame: that is the IMU's, in which XKQ is; else AHRS_TRIM turns it, as in XKF1's own angles.
     """
-    made = [*_cores(records, parameters, mine, in_imu_frame=in_imu_frame)]
-    if (one := records.get("AHR2")) is not None and not by_dcm(parameters) and one.layout.has_numbers(*_EULER):
-        q = _angles(one)
-        if in_imu_frame and (level := trim(parameters)) is not None:
-            q = turned_by(q, from_euler(*level, 0.0))
-        _, t, q = attitudes(one.t, q)
+    made = [*_cores(ekf, in_imu_frame=in_imu_frame)]
+    if (one := ekf.records.get("AHR2")) is not None and not _by_dcm(ekf) and one.layout.has_numbers(*_EULER):
+        _, t, q = attitudes(one.t, in_frame(_angles(one), ekf.parameters, of_imu=in_imu_frame))
         unknown = np.full((len(t), 3), np.nan)
         made.append(EstimatorLane(t, q, unknown, unknown, "DCM", None, "AHR2"))
     return tuple(lane for lane in made if len(lane) > 1)
 
 
-def _cores(
-    records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew, *, in_imu_frame: bool
-) -> Iterator[EstimatorLane]:
-    quaternions = of_cores(records, f"{mine.prefix}Q") if in_imu_frame else {}
-    states, status = (of_cores(records, mine.prefix + name) for name in ("F1", "F4"))
+def _cores(ekf: Ekf, *, in_imu_frame: bool) -> Iterator[EstimatorLane]:
+    quaternions = ekf.of_cores("Q") if in_imu_frame else {}
+    states, status = (ekf.of_cores(name) for name in ("F1", "F4"))
     for core in sorted(quaternions.keys() | states.keys()):
         state = states.get(core)
         if (one := quaternions.get(core)) is not None:
@@ -233,8 +210,8 @@ def _cores(
         _, t, q = attitudes(t, q)
         velocity, position = _moved(t, state, status.get(core))
         yield EstimatorLane(
-            t, q, velocity, position, f"{_EKF_NAMES[mine.prefix]} core {core}", core, f"{one.name}[{core}]",
-            imu_of_core(core, mine.prefix, parameters), sensors_of_core(records, mine.prefix, core),
+            t, q, velocity, position, f"{ekf.name} core {core}", core, f"{one.name}[{core}]",
+            ekf.imu_of(core), ekf.sensors_of(core),
         )  # fmt: skip
 
 
@@ -248,8 +225,6 @@ def _moved(t: Array, state: Records | None, status: Records | None) -> tuple[Arr
     if state is None or len(state) < 2 or not len(t) or not state.layout.has_numbers(*_STATES):
         return velocity, position
     row = np.clip(np.searchsorted(state.t, t - _LONGEST_WAIT_S), 0, len(state) - 1)
-    good = np.abs(state.t[row] - t) <= _LONGEST_WAIT_S
-    if status is not None and len(status) and status.layout.has_numbers("SS"):
-        good &= has_position(t, status.t, status["SS"].astype(np.float64))
+    good = (np.abs(state.t[row] - t) <= _LONGEST_WAIT_S) & _has_position(t, status)
     columns = [np.where(good, state.in_unit(name)[row], np.nan) for name in _STATES]
     return np.column_stack(columns[3:]), np.column_stack(columns[:3])

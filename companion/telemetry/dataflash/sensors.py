@@ -1,4 +1,10 @@
-"""An ArduPilot log's records → the series of its sensors and estimators, by the rows of `sources`."""
+"""An ArduPilot log's records → the series of its sensors and estimators, by the rows of `sources`.
+
+Also here: what all records share: several sensors of a kind, the time of a sample, and whether it is sound. Batches of
+every sample of one sensor for a second or so (ISBH, ISBD) show vibration; there is nothing to integrate.
+Sources: ArduPilot `AP_Logger/LogStructure.h`, and its tags before 4.0 for the names of old; `BatchSampler.cpp` (type 0
+is the accelerometer, 1 the gyro), `mavfft_isb.py`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +14,92 @@ from dataclasses import replace
 import numpy as np
 
 from companion.logs import Records
-from companion.model import Array, Series
-from companion.telemetry.dataflash.cores import of_cores
-from companion.telemetry.dataflash.imu import batches
-from companion.telemetry.dataflash.rows import sample_time, sound, sources
+from companion.model import Array, Series, counted
+from companion.telemetry.clock import ON_BOARD, left_out, off_course
+from companion.telemetry.dataflash.cores import Ekf
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
+from companion.telemetry.samples import BoolArray
 from companion.telemetry.sources import GPS_ACCURACY, RECORD_SOURCES, Fields, Source
+
+_FIX_3D = 3
+_HAPPENINGS = ("PARM", "EV", "ERR", "MODE", "MSG")  # hold from then on: whatever the time, it counts
+_STALE_S = 1.0  # a sample's own time that lies further from the record's is none
+
+
+def sources(records: Mapping[str, Records], names: tuple[str, ...]) -> Iterator[tuple[int, str, Records]]:
+    """Instance, what viewers call it ("GPS[1]"), and its records: by an instance column, in older logs by the name."""
+    for number, name in enumerate(names):
+        if name in records:
+            for instance in records[name].instances or (number,):
+                yield int(instance), f"{names[0]}[{instance}]", records[name].instance(instance)
+
+
+def sample_time(one: Records, field: str) -> Array:
+    """(N,) s: when each sample was taken, by a column of whole ms or µs; where that is absurd, when it was logged.
+
+    Both count in a uint32 that wraps.
+    """
+    if not one.layout.has_numbers(field):
+        return one.t
+    unit = 1e-6 if field == "S" else 1e-3
+    wrap = 2.0**32 * unit
+    age = np.mod(one.t - one[field].astype(np.float64) * unit, wrap)
+    age = np.where(age > wrap / 2, age - wrap, age)
+    return np.where((np.abs(age) < _STALE_S) & (one[field] != 0), one.t - age, one.t)
+
+
+def sound(one: Records) -> BoolArray:
+    """(N,) whether the driver vouches for a sample; older logs do not say."""
+    flag = next((name for name in ("Health", "H") if one.layout.has_numbers(name)), None)
+    return np.ones(len(one), np.bool_) if flag is None else np.asarray(one[flag] != 0)
+
+
+def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
+    """The same, each with its times, without those that leave the flight's course; and notes on these.
+
+    Before 2015 PARM, EV, ERR, MODE and MSG have no time, and get that of their neighbours; until ArduCopter 3.1 no
+    record has one, and the GPS's own is taken. Nothing is left where it has none either.
+    """
+    if not any(one.layout.clock for one in records.values()):
+        return _by_gps(records)
+    times = {name: one.t for name, one in records.items() if one.layout.clock}
+    apart = off_course(times, ON_BOARD)
+    notes = left_out(times, apart)
+    timed = {
+        name: replace(records[name], given=t) if name not in apart else records[name].select(~apart[name])
+        for name, t in times.items()
+    }
+    timed = {name: one for name, one in timed.items() if len(one)}
+    if not timed:
+        return {}, notes
+    clock = max(timed.values(), key=len)
+    bare = {
+        name: replace(one, given=np.interp(one.offset, clock.offset, clock.t))
+        for name, one in records.items()
+        if not one.layout.clock and one.rows.dtype.names
+    }
+    return {name: (timed | bare)[name] for name in records if name in timed or name in bare}, notes
+
+
+def _by_gps(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
+    """Records on the clock of the GPS from its first fix on, and a note: samples between the first fix and the last."""
+    gps = records.get("GPS")
+    if gps is None or not gps.layout.has_numbers("Time", "Status"):
+        return {}, []
+    t, fixed = gps["Time"] * 1e-3, gps["Status"] >= _FIX_3D
+    gps = gps.select(fixed & (t >= np.maximum.accumulate(np.where(fixed, t, -np.inf))))
+    if len(gps) < 2:
+        return {}, []
+    since = (gps["Time"] - gps["Time"][0]) * 1e-3
+
+    def timed(one: Records) -> Records:
+        inside = (one.offset >= gps.offset[0]) & (one.offset <= gps.offset[-1])
+        one = one.select(inside | (one.name in _HAPPENINGS))
+        return replace(one, given=np.interp(one.offset, gps.offset, since))
+
+    within = {name: timed(one) for name, one in records.items() if one.rows.dtype.names}
+    return within, ["no record has a time (ArduCopter 3.1 and older): that is the GPS's, in s since its first fix"]
+
 
 _BLENDED = 2  # instance of GPS: the mean of the receivers, made by ArduPilot
 _ACCURACY = {field for ways in GPS_ACCURACY.values() for field, _ in ways}
@@ -25,17 +111,17 @@ NEEDED = frozenset(name for row in RECORD_SOURCES for name in row.names) | {
 """Records that become series."""
 
 
-def record_sensors(records: Mapping[str, Records], prefix: str, core: int, notes: list[str]) -> Mapping[str, Series]:
-    """The series of an ArduPilot log; of the cores of the EKF that flew (prefix: "XK") that one first."""
+def record_sensors(ekf: Ekf, core: int, notes: list[str]) -> Mapping[str, Series]:
+    """The series of an ArduPilot log; of the cores of the EKF that flew that one first."""
     parts: list[RawSeries | None] = []
     for row in RECORD_SOURCES:
-        parts += _of_ekf(records, row, prefix, core) if row.kind in _OF_CORES else _of_sensors(records, row, notes)
-    return series_of([*parts, *batches(records, notes)])
+        parts += _of_ekf(ekf, row, core) if row.kind in _OF_CORES else _of_sensors(ekf.records, row, notes)
+    return series_of([*parts, *_batches(ekf.records, notes)])
 
 
-def _of_ekf(records: Mapping[str, Records], row: Source, prefix: str, core: int) -> Iterator[RawSeries | None]:
-    for name in (name for name in row.names if name.startswith(prefix)):
-        cores = of_cores(records, name)
+def _of_ekf(ekf: Ekf, row: Source, core: int) -> Iterator[RawSeries | None]:
+    for name in (name for name in row.names if name.startswith(ekf.prefix)):
+        cores = ekf.of_cores(name.removeprefix(ekf.prefix))
         for number in sorted(cores, key=lambda number: (number != core, number)):
             yield _raw_series(cores[number], f"{name}[{number}]", row, number, [])
 
@@ -96,3 +182,43 @@ def _gps(
     sampled: Array = np.where(paired, sample_time(accuracy, "SMS")[beside], t)
     units = {**one.layout.units, **accuracy.layout.units}
     return raw_series(row, name, sampled, column, units, instance=number, notes=notes)
+
+
+_KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radps"))
+_AXES = "xyz"
+
+
+def _batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries]:
+    """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with gaps between the batches."""
+    if not {"ISBH", "ISBD"} <= records.keys():
+        return
+    heads, data = records["ISBH"], records["ISBD"]
+    if any(data.layout.kind(axis) != "V" for axis in _AXES):
+        notes.append(
+            f"ISBD: {counted(len(data), 'record')} left out: the log declares their columns otherwise than ArduPilot"
+        )
+        return
+    head = np.searchsorted(heads.offset, data.offset) - 1
+    mine = (head >= 0) & (heads["N"][head] == data["N"])
+    if lost := int((~mine).sum()):
+        notes.append(f"ISBD: {lost} of {len(data)} left out: the head of their batch is not in the log")
+    sensors = np.column_stack([heads["type"], heads["instance"]])
+    for kind, instance in np.unique(sensors, axis=0).tolist():
+        rows = np.flatnonzero(mine & (sensors[head] == (kind, instance)).all(axis=1))
+        if kind < len(_KINDS) and len(rows):
+            name, sensor, unit = _KINDS[kind]
+            t, values = _samples(heads.select(head[rows]), data.select(rows))
+            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
+            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
+
+
+def _samples(heads: Records, data: Records) -> tuple[Array, Array]:
+    """Times (N,) s and readings (N, 3) of records, each with the head of its batch."""
+    raw = np.stack([data[axis].astype(np.float64) for axis in _AXES], axis=-1)
+    count = raw.shape[1]
+    place = data["seqno"].astype(np.float64)[:, None] * count + np.arange(count)
+    rate, scale = heads["smp_rate"].astype(np.float64), heads["mul"].astype(np.float64)
+    rate, scale = np.where(rate > 0, rate, np.nan), np.where(scale > 0, scale, np.nan)
+    t = heads["SampleUS"].astype(np.float64)[:, None] * 1e-6 + place / rate[:, None]
+    t[place >= heads["smp_cnt"].astype(np.float64)[:, None]] = np.nan  # the last record of a batch is filled up
+    return t.ravel(), (raw / scale[:, None, None]).reshape(-1, 3)

@@ -72,12 +72,6 @@ def primary_core(topics: Topics) -> int:
     return commonest(flown[np.isfinite(flown)])
 
 
-def commonest_gyro(topic: Topic) -> int:
-    """The device id of the gyro that an instance used most; 0 where it names none."""
-    devices = topic.ids("gyro_device_id")
-    return commonest(devices[devices != 0])
-
-
 def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, int]) -> list[BiasTrack]:
     """One track for each gyro that the instance has used."""
     t = sampled(topic)

@@ -1,6 +1,6 @@
 """PX4's ULog → its flight.
 
-The topics are read by `topics`; `imu`, `pose`, `aiding` and `estimator` make tracks of them.
+The topics are read by `topics`; `imu`, `pose` and `estimator` make tracks of them.
 """
 
 from __future__ import annotations
@@ -14,29 +14,23 @@ from companion.logs import Ulog, UlogTopic
 from companion.mavlink import px4_nav_state_name
 from companion.model import Array, Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
-from companion.telemetry.events import changes, in_order
+from companion.telemetry.events import changes, in_order, turns
 from companion.telemetry.flights import arrival
-from companion.telemetry.lazy import Lazy
-from companion.telemetry.parameters import identity, possible, setting_names
-from companion.telemetry.quantities import series_of
+from companion.telemetry.parameters import UNKNOWN, identity, possible, release, setting_names, words
+from companion.telemetry.quantities import Lazy, series_of
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
-from companion.telemetry.texts import UNKNOWN, release, words
-from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
+from companion.telemetry.ulog import estimator, pose
 from companion.telemetry.ulog.imu import imu_tracks
-from companion.telemetry.ulog.pose import (
-    actuator_track,
-    attitude_track,
-    control_track,
-    epoch,
-    home,
-    lane_in_use,
-    lanes,
-    origin,
-    position_track,
-    truth,
+from companion.telemetry.ulog.topics import (
+    NEEDED,
+    SELECTED_KINDS,
+    Topics,
+    aiding_series,
+    instance_names,
+    let_go,
+    topic_series,
+    topics_of,
 )
-from companion.telemetry.ulog.sensors import SELECTED_KINDS, aiding_series, topic_series
-from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -69,19 +63,19 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     code = log.infos.get("ver_sw_release")
     code = code if isinstance(code, int) else 0  # where damage met its type
     version = code >> 24, code >> 16 & 255
-    actuators, control = actuator_track(topics), control_track(topics)
+    actuators, control = pose.actuator_track(topics), pose.control_track(topics)
     let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
-    zero, by_device = origin(topics), imu_instances(topics)
-    used = imu_in_use(topics, by_device)
+    zero, by_device = pose.origin(topics), estimator.imu_instances(topics)
+    used = estimator.imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
     let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
     let_go(topics, "vehicle_acceleration")
-    resets = estimator_resets(topics)
-    attitude = attitude_track(topics, notes)
+    resets = estimator.estimator_resets(topics)
+    attitude = pose.attitude_track(topics, notes)
     let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
-    position = position_track(topics, notes)
+    position = pose.position_track(topics, notes)
     let_go(topics, "vehicle_local_position")
-    series = topic_series(topics, version, notes)
+    series = topic_series(topics, estimator.attitude_elements(version), notes)
     vehicle = _vehicle(parameters, topics, vehicle_types, release(code))
     return Flight(
         vehicle=vehicle,
@@ -93,8 +87,8 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         attitude=attitude,
         position=position,
         origin=zero,
-        epoch=epoch(topics),
-        home=home(topics),
+        epoch=pose.epoch(topics),
+        home=pose.home(topics),
         series=series_of(series),
         events=_events(topics),
         parameters=parameters,
@@ -102,13 +96,13 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
         **aiding_tracks(aiding_series(topics, series, notes), notes, apart=SELECTED_KINDS),
-        biases=bias_tracks(topics, version, by_device),
-        truth=truth(topics, zero),
+        biases=estimator.bias_tracks(topics, version, by_device),
+        truth=pose.truth(topics, zero),
         control=control,
         actuators=actuators,
         imu_in_use=used,
-        lanes=lanes(topics, zero, by_device),
-        lane_in_use=lane_in_use(topics),
+        lanes=pose.lanes(topics, zero, by_device),
+        lane_in_use=pose.lane_in_use(topics),
         resets=resets,
         parameter_changes=changed,
     )
@@ -173,8 +167,6 @@ def _events(topics: Topics) -> tuple[Event, ...]:
     t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
-    turns = (np.flatnonzero(np.diff(failsafe)) + 1).tolist()
-    events += [
-        Event(float(t[i]), *(("error", "failsafe") if failsafe[i] else ("event", "failsafe over"))) for i in turns
-    ]
+    named = (("event", "failsafe over"), ("error", "failsafe"))
+    events += [Event(float(t[i]), *named[int(failsafe[i])]) for i in turns(failsafe)]
     return in_order(events)

@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
+from companion.telemetry.clock import LONGEST_WAIT_S
 from companion.telemetry.convert import euler_matrix
 from companion.telemetry.parameters import part_ranges
-from companion.telemetry.samples import Ranges, commonest, finite_rows, imu_track, increasing
-from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
+from companion.telemetry.samples import Ranges, finite_rows, imu_track, increasing
+from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
 
 
 def imu_tracks(
@@ -63,7 +63,7 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
         whole = (gyro_dt > 0) & (accel_dt > 0) & (gyro_dt < LONGEST_WAIT_S)
         gyro = topic.array("delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
         accel = topic.array("delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
-        device, other = (_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
+        device, other = (commonest_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
         ranges = part_ranges("PX4", device, other)
         track = _track(name, sampled(topic) - gyro_dt / 2, gyro, accel, gyro_dt, whole, notes, ranges)
         yield replace(track, instance=instance, device_id=device or None)
@@ -107,12 +107,6 @@ def _track(
     """whole: rows that say for which interval they are. Rows of zeros are no readings."""
     good = whole & (gyro.any(axis=1) | accel.any(axis=1))
     return imu_track(source, t, gyro, accel, good, notes, ranges, interval)
-
-
-def _device(topic: Topic, field: str) -> int:
-    """The device that most rows are of; 0 where none is logged."""
-    devices = topic.ids(field)
-    return commonest(devices[devices != 0])
 
 
 _FIFO_MOST = 32  # samples in a message

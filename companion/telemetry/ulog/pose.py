@@ -28,9 +28,8 @@ from companion.model import (
 from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.control import control_of
-from companion.telemetry.samples import attitudes, finite_rows, in_use, increasing, ned_about
-from companion.telemetry.ulog.estimator import commonest_gyro
-from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
+from companion.telemetry.samples import BoolArray, attitudes, finite_rows, in_use, increasing, ned_about
+from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
 
 _MOST_OUTPUTS = 16
 _PULSE = (1000.0, 2000.0)  # µs, of PWM and, in the same numbers, of PX4's simulators
@@ -112,8 +111,13 @@ def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
     topic = topics["vehicle_local_position"]
     t = sampled(topic)
     position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
-    valid = np.logical_and.reduce([topic.flag(name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")])
-    return samples.position_track("vehicle_local_position", t, position, velocity, valid, notes)
+    return samples.position_track("vehicle_local_position", t, position, velocity, _is_valid(topic), notes)
+
+
+def _is_valid(topic: Topic) -> BoolArray:
+    """(N,) whether a local position calls all of itself valid."""
+    flags = [topic.flag(name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")]
+    return np.asarray(np.logical_and.reduce(flags))
 
 
 def origin(topics: Topics) -> Origin | None:
@@ -213,7 +217,7 @@ def lanes(topics: Topics, origin: Origin | None, by_device: Mapping[int, int]) -
     """By estimator_attitude and estimator_local_position; where these are not there by estimator_states."""
     moved = {instance: topic for instance, _, topic in instances(topics, "estimator_local_position")}
     gyros = {
-        instance: by_device.get(commonest_gyro(topic))
+        instance: by_device.get(commonest_device(topic, "gyro_device_id"))
         for instance, _, topic in instances(topics, "estimator_sensor_bias")
         if "gyro_device_id" in topic
     }
@@ -244,8 +248,7 @@ def _lane_moved(t: Array, topic: Topic | None, origin: Origin | None) -> tuple[A
     if topic is None or topic.count < 2 or not len(t):
         return unknown, unknown
     own, columns = sampled(topic), topic.columns("vx", "vy", "vz", "x", "y", "z")
-    valid = np.logical_and.reduce([topic.flag(name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")])
-    columns = np.where(valid[:, None], columns, np.nan)
+    columns = np.where(_is_valid(topic)[:, None], columns, np.nan)
     if origin is not None and "xy_global" in topic and len(known := np.flatnonzero(topic["xy_global"])):
         latitude, longitude, height = (topic[f"ref_{name}"][known[-1:]].astype(np.float64) for name in _PLACE)
         columns[:, 3:] += ned_about(origin, np.radians(latitude), np.radians(longitude), height)
