@@ -19,9 +19,9 @@ import numpy as np
 
 from companion.analysis.budget import persistent_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import IntArray, run_edges
+from companion.analysis.finding import run_edges
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import BoolArray, attitude_error, length
+from companion.analysis.reference import BoolArray, IntArray, attitude_error, length, wrapped
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion
@@ -275,6 +275,9 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     elif magnetic is not None:
         source, yaw, heading_sigma = "magnetometer", magnetic, healthy.UNDECLINED_HEADING_RAD
         notes.append("the magnetic declination is not known: the heading is magnetic")
+    apart = None
+    if magnetic is not None and yaw_reference is not None:
+        apart = float(wrapped(np.array(magnetic - yaw_reference)))
     aligned = Alignment(
         rest=rest,
         q_ned_frd=quaternion.from_euler(float(roll), float(pitch), float(yaw)),
@@ -284,9 +287,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
         accel_bias=f * (1.0 - gravity / float(np.linalg.norm(f))),
         magnetic_rad=magnetic,
         declination_rad=flight.declination,
-        magnetic_error_rad=None
-        if magnetic is None or yaw_reference is None
-        else float((magnetic - yaw_reference + np.pi) % (2.0 * np.pi) - np.pi),
+        magnetic_error_rad=apart,
         later=(),
         notes=tuple(notes),
     )

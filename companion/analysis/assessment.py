@@ -8,19 +8,16 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from companion.analysis.agreement import Agreement, agreement, while_judged
 from companion.analysis.alignment import Rest, rests
-from companion.analysis.budget import Expected, expected_over
-from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.budget import Agreement, Expected, agreement, expected_over, while_judged
+from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate, known_from
+from companion.analysis.comparison import DEFAULT, Comparison, Integration, Windows, compare, windows
 from companion.analysis.constant_faults import (
     beside_best,
     constant_fault_probability,
-    known_from,
     level_is_unusual,
     read_wrongly,
 )
-from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
 from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
@@ -29,10 +26,17 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding, turned_others
 from companion.analysis.findings.settings import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
-from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.phases import aligned_at, flown, landed_at, phases
+from companion.analysis.phases import (
+    aligned_at,
+    between,
+    flown,
+    in_control,
+    landed_at,
+    phases,
+    unjudged,
+    while_in_control,
+)
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
 from companion.estimation import (

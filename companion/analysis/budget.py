@@ -3,21 +3,23 @@
 Covariances of (attitude rotation vector, velocity, position) in NED, autopilot minus IMU, by cause: the causes stay
 apart because each is a running integral along the track (docs/mathematics.md, error propagation). A budget without a
 cause is how calibration asks "what is left if I solve for the biases?".
+
+Also here: how many windows are inside what is expected of them, as the verdict judges them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, IntArray, Windows, errors, means_between
+from companion.analysis.comparison import Comparison, Windows, errors, means_between, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import InterpolationError
-from companion.constants import num
+from companion.analysis.reference import IntArray, InterpolationError
+from companion.constants import num, priors
 from companion.estimation import chi_square
-from companion.model import Array, ImuTrack
+from companion.model import Array, ImuTrack, Phase, counted
 from companion.strapdown import Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -260,3 +262,59 @@ def expected_over(
         shares={name: allowed.shares(block) for name, block in blocks.items()},
         inside={name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()},
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How many windows of one length are inside the 95 % bound, as they are judged: with the known errors removed.
+
+    Those are what the best estimate and the installation explain of the IMU: its usual bias, lag, mounting. The noise
+    is that of the flight, and windows in which nothing is judged are left out.
+    """
+
+    horizon_s: float
+    windows: int  # used
+    excluded: Mapping[str, int]  # windows left out, by reason
+    inside: Mapping[str, float]  # attitude, velocity, position → share of the windows; empty without windows
+
+    @property
+    def share(self) -> float:
+        """In the quantity in which the fewest are inside; 0 without windows."""
+        return min(self.inside.values(), default=0.0)
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether enough are inside in every quantity."""
+        return self.share >= priors.CONSISTENT_SHARE
+
+    def __str__(self) -> str:
+        """How many are inside, and what of."""
+        what = f"{counted(self.windows, 'window')} of {self.horizon_s:g} s inside the 95 % bound"
+        return f"{100.0 * self.share:.0f} % of {what}, known errors removed"
+
+
+def agreement(
+    corrected: Comparison,
+    horizon: float,
+    parts: Sequence[Phase],
+    usual: ImuSpec,
+    autopilot: ReferenceSpec,
+    within: Sequence[tuple[float, float]],
+) -> Agreement:
+    """Of the windows of one length within spans (s) that are judged; corrected: with the IMU's known errors removed."""
+    chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
+    expected = expected_over(corrected, chosen, usual, autopilot)
+    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
+
+
+def while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
+    """The windows in which the estimator has aligned and the vehicle has neither landed nor lost control."""
+    out = np.zeros(len(chosen.start), np.bool_)
+    for part in parts:
+        if part.kind in ("aligning", "landed", "impact"):
+            out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
+    if not out.any():
+        return chosen
+    reasons = {**chosen.excluded, "not_judged": int(out.sum())}
+    kept = ~out
+    return replace(chosen.only(kept), excluded=reasons)

@@ -12,9 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation
-from companion.analysis.finding import Finding, IntArray, runs
+from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
-from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
+from companion.analysis.reference import (
+    BoolArray,
+    IntArray,
+    Limits,
+    Reference,
+    attitude_error,
+    length,
+    reference_at,
+    wrapped,
+)
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -322,7 +331,7 @@ def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
     distorted = np.eye(3) + best.states.constant("soft_iron").reshape(3, 3)
     read = (matrix @ (distorted @ (matrix.swapaxes(1, 2) @ field)[..., None] + iron[:, None]))[..., 0]
     apart = np.arctan2(field[1], field[0]) - np.arctan2(read[:, 1], read[:, 0])
-    turned = np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
+    turned = wrapped(apart)
     return error - np.clip(error, np.minimum(turned, 0.0), np.maximum(turned, 0.0))
 
 
@@ -347,7 +356,7 @@ def _heading_off(
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
-        since = np.abs(np.mod(error - error[first] + np.pi, 2.0 * np.pi) - np.pi)  # half a turn off is off either way
+        since = np.abs(wrapped(error - error[first]))  # half a turn off is off either way
         less = since / least_deviation("heading", changed) < np.abs(error) / least_deviation("heading", whole)
         use = doubted & (part == one) & (less | (changed < check.KNOWN_BETTER * whole))
         size = np.where(use, since, size)

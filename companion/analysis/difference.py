@@ -19,11 +19,10 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import Expected
-from companion.analysis.comparison import IntArray
-from companion.analysis.correction import NAMES
+from companion.analysis.calibrate import NAMES
 from companion.analysis.drift import DriftRow
 from companion.analysis.finding import Finding
-from companion.analysis.reference import length
+from companion.analysis.reference import IntArray, length
 from companion.constants import num
 from companion.model import Array, brief, nearest
 

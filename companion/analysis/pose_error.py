@@ -14,9 +14,9 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over
-from companion.analysis.comparison import Comparison, IntArray, Windows, windows
+from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import attitude_error, length
+from companion.analysis.reference import IntArray, attitude_error, length
 from companion.analysis.replay import Replay
 from companion.constants import num
 from companion.model import Array, DataError, SettingsError, nearest

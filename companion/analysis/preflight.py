@@ -17,8 +17,16 @@ from companion.analysis.finding import run_edges
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import phases
-from companion.analysis.preflight_aiding import barometer_checks, compass_checks, gps_checks
-from companion.analysis.preflight_check import Check, Measured, Outcome, Standing, judged
+from companion.analysis.preflight_aiding import (
+    Check,
+    Measured,
+    Outcome,
+    Standing,
+    barometer_checks,
+    compass_checks,
+    gps_checks,
+    judged,
+)
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, median, percentile

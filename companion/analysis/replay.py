@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.alignment import Alignment
-from companion.analysis.comparison import IntArray
-from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.reference import BoolArray, Reference, attitude_error, reference_at
+from companion.analysis.comparison import DEFAULT, Integration
+from companion.analysis.reference import BoolArray, IntArray, Reference, attitude_error, reference_at
 from companion.constants import num
 from companion.model import (
     Array,

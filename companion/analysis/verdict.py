@@ -1,6 +1,7 @@
 """Which of the two is wrong: the sentence above everything that the analysis says about one IMU of a flight.
 
-Also here: faults that would do harm and that a flight is too short, too calm or too noisy to show.
+Also here: faults that would do harm and that a flight is too short, too calm or too noisy to show; and what is said of
+a vehicle at one moment while it is listened to: the verdict now, how old it is, and all alarms.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.agreement import Agreement, too_few_windows, unseen, would_show
+from companion.analysis.budget import Agreement
+from companion.analysis.comparison import left_out
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.constants import num, priors
+from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, hypothesis_of
-from companion.model import brief
+from companion.model import brief, counted
 
 
 def harmful_undetected(best: BestEstimate) -> list[str]:
@@ -274,3 +276,97 @@ def headline_of(finding: Finding) -> str:
 def stated_cause(finding: Finding) -> Cause:
     """What is wrong, in numbers; without a size where the finding has none."""
     return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)
+
+
+Band = tuple[tuple[float, float, float, float], ...]
+"""Time since an anchor, s, and 1σ of what the error is expected to be then: attitude °, velocity m/s, position m."""
+
+State = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "starting", "lost", "stale", ""]
+"""A verdict; the estimator aligns or a flight has just begun; control was lost; the data are old; nothing yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A time in which somebody was suspect."""
+
+    status: State
+    text: str  # as it was said last, when most was known
+    first: float  # s UNIX, of the newest data when it was said first
+    last: float  # ... and last
+    when: str = ""  # the same in words, by the clock of the computer
+
+
+@dataclass(frozen=True, slots=True)
+class LiveVerdict:
+    """What is to be said at one moment. All text is untrusted."""
+
+    status: State  # when its data were new
+    text: str
+    newest: float = 0.0  # s UNIX, when the newest data that it rests on arrived; 0: it rests on none
+    vehicle: str = ""
+    alarms: tuple[Alarm, ...] = ()  # since the session began; the newest last
+    expected: Band = ()  # empty where it cannot be said
+    was_consistent: bool = False  # whether it ever was, since then
+    age_s: float = 0.0  # of its data, when it is read
+    silent: bool = False  # whether nothing comes on the link then
+    cause: Cause | None = None  # of an alarm
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether it says nothing of now."""
+        return bool(self.newest) and (self.silent or self.age_s > check.STALE_S)
+
+    @property
+    def now(self) -> tuple[State, str]:
+        """The state that holds now, and why: one of old data says as of when it held."""
+        if not self.is_stale:
+            return self.status, self.text
+        return "stale", f"as of {self.age_s:.0f} s ago: {self.text}"
+
+    @property
+    def so_far(self) -> tuple[State, str]:
+        """The verdict on the session up to now, and why: the first alarm, and what was after it."""
+        if not self.alarms:
+            return ("consistent", "no alarm so far") if self.was_consistent else ("", "nothing is known yet")
+        lines = [f"{a.when}: {a.text}" for a in self.alarms]
+        more = f" ({len(lines) - 2} more)" if len(lines) > 2 else ""
+        return self.alarms[0].status, "; ".join(dict.fromkeys([lines[0], lines[-1]])) + more
+
+
+def unseen(best: BestEstimate | None, no_windows: str) -> str:
+    """Why the best estimate does not speak for windows that there are not; "" where it does.
+
+    Where each fault of the size that such faults have would show in it.
+    """
+    if best is None or "gyro_bias" not in best.detectable:
+        return no_windows
+    hidden = [sensor for sensor, size in _biases(best).items() if size > hypothesis_of(f"{sensor}_bias").prior]
+    would_not = " and ".join(_bias_of(sensor, best) for sensor in hidden)
+    return f"{no_windows}; no fault was found, but {would_not} would not have shown" if hidden else ""
+
+
+def would_show(best: BestEstimate | None) -> str:
+    """The smallest biases that would have shown, in words."""
+    return "" if best is None else " or ".join(_bias_of(sensor, best) for sensor in _biases(best))
+
+
+def _biases(best: BestEstimate) -> dict[str, float]:
+    """Sensor of the IMU → the smallest bias that would have shown, SI."""
+    return {name: best.detectable[f"{name}_bias"] for name in BIAS_UNITS if f"{name}_bias" in best.detectable}
+
+
+def _bias_of(sensor: str, best: BestEstimate) -> str:
+    unit, scale, decimals = BIAS_UNITS[sensor]
+    if _biases(best)[sensor] > check.ANY_BIAS * hypothesis_of(f"{sensor}_bias").prior:
+        return f"any bias of the {SENSORS[sensor]}"
+    return f"a bias of the {SENSORS[sensor]} of {scale * _biases(best)[sensor]:.{decimals}f} {unit}"
+
+
+def too_few_windows(judged: Agreement) -> str:
+    """Why there are too few windows to be judged; "" where there are enough."""
+    if judged.windows >= num.MIN_WINDOWS:
+        return ""
+    reasons = left_out(judged.excluded)
+    short = f"the flight is too short: at least {num.MIN_WINDOWS * num.JUDGED_S:g} s are needed"
+    usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
+    return f"{usable} of {num.JUDGED_S:g} s can be used ({f'left out: {reasons}' if reasons else short})"

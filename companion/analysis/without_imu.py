@@ -11,9 +11,8 @@ from companion.analysis.deviations import at_first, least_deviation
 from companion.analysis.fault_interval import DEVIATION_UNITS
 from companion.analysis.finding import Finding, are_near, by_severity, runs
 from companion.analysis.findings import autopilot_findings, with_reports
-from companion.analysis.loss_of_control import in_control
-from companion.analysis.phases import flown, judged_parts, phases
-from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at
+from companion.analysis.phases import flown, in_control, judged_parts, phases
+from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at, wrapped
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
 from companion.estimation import CONSTANTS
@@ -106,7 +105,7 @@ def _off_compass(flight: Flight, limits: Limits) -> Iterator[_Apart]:
         field = quaternion.rotate(reference.q_ned_frd, compass.field)
         off = np.arctan2(field[:, 1], field[:, 0])
         off -= flight.declination or at_first(np.unwrap(off), judged, which)
-        value = np.where(judged, np.abs(np.mod(off + np.pi, 2.0 * np.pi) - np.pi), np.nan)
+        value = np.where(judged, np.abs(wrapped(off)), np.nan)
         least = least_deviation("heading", np.full(len(value), healthy.MAGNETIC_HEADING_RAD))
         yield _Apart("heading", "compass", compass.source, compass.t, value, least)
 
@@ -143,17 +142,13 @@ def _disagreements(one: _Apart) -> Iterator[Finding]:
         begin, end = float(one.t[first]), float(one.t[last])
         if end - begin >= healthy.DEVIATION_S[one.quantity]:
             most = scale * float(one.off[first : last + 1].max())
-            yield Finding(
-                f"{one.sensor}_disagrees",
-                "autopilot",
-                "warning",
-                begin,
-                end,
+            evidence = (
                 f"the autopilot's {one.quantity} is up to {most:.1f}{unit} off the {_NAMES[one.sensor]}, "
-                f"from {begin:.1f} to {end:.1f} s ({one.source})",
-                "Without an IMU it cannot be told which of the two is wrong: have the IMU logged as well.",
-                undecided=True,
+                f"from {begin:.1f} to {end:.1f} s ({one.source})"
             )
+            advice = "Without an IMU it cannot be told which of the two is wrong: have the IMU logged as well."
+            kind = f"{one.sensor}_disagrees"
+            yield Finding(kind, "autopilot", "warning", begin, end, evidence, advice, undecided=True)
 
 
 def _agreement(one: _Apart) -> str:

@@ -17,8 +17,7 @@ from companion.analysis.findings import findings
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.outages import jump_findings
-from companion.analysis.findings.readings import goes_to_and_fro
-from companion.analysis.findings.sampling import lags
+from companion.analysis.findings.readings import goes_to_and_fro, lags
 from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
