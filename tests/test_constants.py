@@ -20,7 +20,6 @@ OWN_TABLES = {
     "estimation/aiding_sensors.py: _ROWS",  # all that is known of each aiding sensor
     "estimation/constant_errors.py: _BELIEVED",  # three components of a bias, nine of a matrix
     "estimation/model.py: _PRIORS",  # constants of a flight, their components and priors
-    "analysis/calibrate.py: _AXES",  # names of three, one and six components
     "analysis/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
     "analysis/fault_interval.py: BIAS_UNITS",  # how a bias is printed
     "analysis/findings/axes.py: _THOUSAND",  # factors between units, and their words

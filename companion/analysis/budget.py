@@ -20,7 +20,7 @@ from companion.analysis.reference import IntArray, InterpolationError
 from companion.constants import num, priors
 from companion.estimation import chi_square
 from companion.model import Array, ImuTrack, Phase, counted
-from companion.strapdown import Propagation
+from companion.strapdown import Preintegration, Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -104,14 +104,7 @@ def turn_jacobian(growth: Propagation) -> Array:
     True readings are (1 + [r]x) times the measured ones, for gyro and accelerometer alike.
     """
     both = growth.gyro_matrix + growth.accel_matrix  # per error that is taken off the readings
-    return np.stack(
-        [
-            both[:, :, 1, 2] - both[:, :, 2, 1],
-            both[:, :, 2, 0] - both[:, :, 0, 2],
-            both[:, :, 0, 1] - both[:, :, 1, 0],
-        ],
-        axis=2,
-    )
+    return np.stack([both[:, :, i, j] - both[:, :, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=2)
 
 
 def nees(error: Array, covariance: Array) -> Array:
@@ -134,9 +127,9 @@ def _solved(matrix: Array, right: Array) -> Array:
         return np.full(right.shape, np.nan)
 
 
-def stacked(comparison: Comparison, chosen: Windows) -> Array:
-    """The errors of the windows in the order of a budget's covariances, (W, 9)."""
-    window_errors = errors(comparison, chosen)
+def stacked(comparison: Comparison, chosen: Windows, path: Preintegration | None = None) -> Array:
+    """The errors of the windows in the order of a budget's covariances, (W, 9); path: as for `errors`."""
+    window_errors = errors(comparison, chosen, path=path)
     return np.column_stack([window_errors.attitude, window_errors.velocity, window_errors.position])
 
 
@@ -167,9 +160,7 @@ def _square(jacobian: Array) -> Array:
 
 def _sampling(comparison: Comparison, chosen: Windows) -> Array:
     """Covariance of the error that comes of finite sampling: what the other middle sample changes (embedded pair)."""
-    paths = (comparison.path, comparison.coarse(chosen.start, chosen.end))
-    fine, coarse = (errors(comparison, chosen, path=path) for path in paths)
-    d = np.column_stack([getattr(fine, n) - getattr(coarse, n) for n in ("attitude", "velocity", "position")])
+    d = stacked(comparison, chosen) - stacked(comparison, chosen, comparison.coarse(chosen.start, chosen.end))
     return np.asarray(d[:, :, None] * d[:, None, :])
 
 
@@ -215,20 +206,15 @@ def jitter_covariance(track: ImuTrack, chosen: Windows, growth: Propagation) -> 
     ends at wrong times cancels: the intervals are wrong by as much as the times that the autopilot's state is taken at.
     """
     total = np.zeros((len(chosen.start), 9, 9))
-    sigma = stamp_jitter(track)
-    if sigma > 0.0:
-        for name, readings in (("gyro_noise", track.gyro), ("accel_noise", track.accel)):
-            power = sigma**2 * _mean_square_rate(track.t, readings, chosen) / track.rate_hz
-            total += power[:, None, None] * growth.noise[name][:, :9, :9]
+    sigma, apart = stamp_jitter(track), track.t[2:] - track.t[:-2]
+    for name, readings in (("gyro_noise", track.gyro), ("accel_noise", track.accel)) if sigma > 0.0 else ():
+        rate = np.zeros(len(track))
+        for axis in readings.T:
+            rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
+        mean_square = means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1]
+        power = sigma**2 * mean_square / track.rate_hz
+        total += power[:, None, None] * growth.noise[name][:, :9, :9]
     return total
-
-
-def _mean_square_rate(t: Array, readings: Array, chosen: Windows) -> Array:
-    """Mean square of the readings' rate of change in each window, mean over axes, (W,)."""
-    rate, apart = np.zeros(len(t)), t[2:] - t[:-2]
-    for axis in readings.T:
-        rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
-    return np.asarray(means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1])
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -31,35 +32,30 @@ from companion.estimation import ConstantErrors, allowing, chi_square
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, brief
 from companion.strapdown import quaternion
 
-PARTS: Final[Mapping[str, slice]] = {
-    "gyro_bias": slice(0, 3),
-    "accel_bias": slice(3, 6),
-    "mounting": slice(6, 9),
-    "time_offset": slice(9, 10),
-    "gyro_scale": slice(10, 13),
-    "accel_scale": slice(13, 16),
-    "gyro_misalignment": slice(16, 22),
-    "accel_misalignment": slice(22, 25),
-    "lever_arm": slice(25, 28),
-}
-"""The attributes of a Correction, and their places when all are one vector."""
-
 GYRO_MISALIGNED: Final = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 ACCEL_MISALIGNED: Final = ((1, 0), (2, 0), (2, 1))
 """Row and column of each misalignment in its sensor's matrix. The accelerometer's is lower triangular: it defines the
 IMU's axes, which `mounting` turns into the attitude's (Rehder et al. 2016, Extending kalibr)."""
 
-_AXES = {3: ("x", "y", "z"), 1: ("",), 6: tuple("xyz"[i] + "xyz"[j] for i, j in GYRO_MISALIGNED)}
-NAMES: Final = tuple(
-    f"{part}_{axis}".rstrip("_")
-    for part, place in PARTS.items()
-    for axis in (
-        tuple("xyz"[i] + "xyz"[j] for i, j in ACCEL_MISALIGNED)
-        if part == "accel_misalignment"
-        else _AXES[place.stop - place.start]
-    )
-)
+_XYZ = ("x", "y", "z")
+_FIGURES: Final[Mapping[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("gyro_bias", "accel_bias", "mounting"), _XYZ),
+    "time_offset": ("",),
+    **dict.fromkeys(("gyro_scale", "accel_scale"), _XYZ),
+    "gyro_misalignment": tuple("xyz"[i] + "xyz"[j] for i, j in GYRO_MISALIGNED),
+    "accel_misalignment": tuple("xyz"[i] + "xyz"[j] for i, j in ACCEL_MISALIGNED),
+    "lever_arm": _XYZ,
+}
+_ENDS = zip(_FIGURES.items(), accumulate(map(len, _FIGURES.values())), strict=True)
+PARTS: Final[Mapping[str, slice]] = {part: slice(end - len(axes), end) for (part, axes), end in _ENDS}
+"""The attributes of a Correction, and their places when all are one vector."""
+
+NAMES: Final = tuple(f"{part}_{axis}".rstrip("_") for part, axes in _FIGURES.items() for axis in axes)
 """One name for each figure, in the order of the vector."""
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,19 +66,15 @@ class Correction:
     is not at the body's origin is taken from the specific force: α x r + ω x (ω x r).
     """
 
-    gyro_bias: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
-    accel_bias: Array = field(default_factory=lambda: np.zeros(3))  # m/s²
-    mounting: Array = field(
-        default_factory=lambda: np.zeros(3)
-    )  # rad, small rotation of the IMU's axes into those of the attitude, FRD
+    gyro_bias: Array = field(default_factory=_zeros)  # rad/s
+    accel_bias: Array = field(default_factory=_zeros)  # m/s²
+    mounting: Array = field(default_factory=_zeros)  # rad, small rotation of its axes into those of the attitude, FRD
     time_offset: float = 0.0  # s by which the IMU's times lag behind the autopilot's estimate
-    gyro_scale: Array = field(default_factory=lambda: np.zeros(3))  # part of the reading that is missing
-    accel_scale: Array = field(default_factory=lambda: np.zeros(3))
+    gyro_scale: Array = field(default_factory=_zeros)  # part of the reading that is missing
+    accel_scale: Array = field(default_factory=_zeros)
     gyro_misalignment: Array = field(default_factory=lambda: np.zeros(6))  # rad, in the order of GYRO_MISALIGNED
-    accel_misalignment: Array = field(default_factory=lambda: np.zeros(3))  # rad, in the order of ACCEL_MISALIGNED
-    lever_arm: Array = field(
-        default_factory=lambda: np.zeros(3)
-    )  # m, FRD, from the point whose position the autopilot reports to the IMU
+    accel_misalignment: Array = field(default_factory=_zeros)  # rad, in the order of ACCEL_MISALIGNED
+    lever_arm: Array = field(default_factory=_zeros)  # m, FRD, from the point that the autopilot reports to the IMU
 
     @classmethod
     def of(cls, values: Array) -> Correction:

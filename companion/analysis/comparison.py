@@ -65,6 +65,10 @@ class Integration:
     def __post_init__(self) -> None:
         check_number("gravity", self.gravity)
 
+    def preintegrate(self, track: ImuTrack) -> Preintegration:
+        """One pass over a track, that carries any window."""
+        return preintegrate(track, method=self.method, middle=self.middle, segments=self.segments)
+
 
 DEFAULT = Integration()
 
@@ -107,8 +111,7 @@ class Passes:
     @cached_property
     def path(self) -> Preintegration:
         """Carries any window."""
-        how = self._how
-        return preintegrate(self._track, method=how.method, middle=how.middle, segments=how.segments)
+        return self._how.preintegrate(self._track)
 
     def coarse(self, samples: IntArray, usual: IntArray) -> Preintegration:
         """That of rk4's other middle sample, at the samples that are wanted and those that usually are; kept for all
@@ -116,7 +119,7 @@ class Passes:
         if self._coarse is None or not np.isin(samples, self._coarse[0]).all():
             known = np.unique(np.concatenate([samples, usual]))
             other = "linear" if self._how.middle == "cubic" else "cubic"
-            whole = preintegrate(self._track, method="rk4", middle=other, segments=self._how.segments)
+            whole = replace(self._how, method="rk4", middle=other).preintegrate(self._track)
             self._coarse = known, whole.at(known)
         return self._coarse[1]
 
@@ -160,16 +163,9 @@ class Comparison:
         first, last = (self._seconds.searchsorted(samples) for samples in (start, end))
         shared = chosen.horizon >= 1.0 and len(np.setdiff1d(np.append(start, end), self._seconds)) == 0
         begin = self.reference.at(start)
-        return propagate(
-            self.track,
-            self.path,
-            start,
-            end,
-            begin.q_ned_frd,
-            begin.velocity,
-            gravity=self.how.gravity,
-            sums=joined(self._second_sums, first, last) if shared else None,
-        )
+        sums = joined(self._second_sums, first, last) if shared else None
+        state, gravity = (begin.q_ned_frd, begin.velocity), self.how.gravity
+        return propagate(self.track, self.path, start, end, *state, gravity=gravity, sums=sums)
 
     @cached_property
     def _seconds(self) -> IntArray:
@@ -242,11 +238,7 @@ class WindowErrors:
 
 
 def compare(
-    flight: Flight,
-    *,
-    imu: str | None = None,
-    how: Integration = DEFAULT,
-    track: ImuTrack | None = None,
+    flight: Flight, *, imu: str | None = None, how: Integration = DEFAULT, track: ImuTrack | None = None
 ) -> Comparison:
     """Integrate one IMU of the flight and find the autopilot's state at its samples.
 

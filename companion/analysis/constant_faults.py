@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -22,14 +21,7 @@ from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.reference import IntArray, InterpolationError, Reference, States
 from companion.constants import check, harm, healthy, num, priors
-from companion.estimation import (
-    BestEstimate,
-    Explained,
-    at_rest,
-    hypothesis_of,
-    in_blocks,
-    times_of_change,
-)
+from companion.estimation import BestEstimate, Explained, at_rest, hypothesis_of, in_blocks, times_of_change
 from companion.model import Array, Flight
 from companion.strapdown import Preintegration
 
@@ -66,17 +58,14 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     known[samples] = True
     placed = known if "gps_position" in best.residuals else nowhere
     states = States(*best.at(t[samples]))
-    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states), _not_interpolated)), within
 
+    def look_up(index: IntArray) -> States:
+        return states.rows(np.searchsorted(samples, index))
 
-def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:
-    """The states at samples `index`, of those at `samples`, ascending."""
-    return states.rows(np.searchsorted(samples, index))
+    def not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
+        return InterpolationError(*np.zeros((3, len(index))))  # the best estimate follows the IMU from sample to sample
 
-
-def _not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
-    """The best estimate follows the IMU from sample to sample."""
-    return InterpolationError(*(np.zeros(len(index)) for _ in range(3)))
+    return own.beside(Reference(t, known, placed, look_up, not_interpolated)), within
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,29 +242,14 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
         )
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = hypothesis_of(f"{one.sensor}_bias")
-        fault = sure >= priors.ACCUSED
+        evidence = f"{words}; {usual} (probability of a fault {percent(sure)})"
+        advice = f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting."
+        if sure < priors.ACCUSED:
+            unsure = sure > 1.0 - priors.ACCUSED
+            yield Finding(kind.name, "data", "warning", begin, end, evidence, advice, undecided=unsure)
+            continue
         cause = Cause(
-            kind.name,
-            "imu",
-            begin,
-            sensor=one.sensor,
-            axis="xyz"[i],
-            size=abs(float(one.value[i])),
-            sigma=float(one.sigma[i]),
-            unit=kind.unit,
-            probability=sure,
-            side_probability=sure,
-            imu=one.imu,
-        )
-        yield Finding(
-            kind.name,
-            "imu" if fault else "data",
-            "error" if fault else "warning",
-            begin,
-            end,
-            f"{words}; {usual} (probability of a fault {percent(sure)})",
-            f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting.",
-            words if fault else "",
-            cause if fault else None,
-            undecided=not fault and sure > 1.0 - priors.ACCUSED,
-        )
+            kind.name, "imu", begin, sensor=one.sensor, axis="xyz"[i], size=abs(float(one.value[i])),
+            sigma=float(one.sigma[i]), unit=kind.unit, probability=sure, side_probability=sure, imu=one.imu,
+        )  # fmt: skip
+        yield Finding(kind.name, "imu", "error", begin, end, evidence, advice, words, cause)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from companion.analysis.budget import ATTITUDE, POSITION, budget, nees, stacked
+from companion.analysis.budget import expected_over
 from companion.analysis.comparison import (
     DEFAULT,
     Comparison,
@@ -35,7 +35,6 @@ from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import length
 from companion.constants import check, healthy, num
-from companion.estimation import chi_square
 from companion.model import Array, DataError, Flight, ImuTrack, SettingsError, brief, percentile
 
 
@@ -115,11 +114,7 @@ class Drift:
 
 
 def drift(
-    flight: Flight,
-    *,
-    horizons: Sequence[float] = num.HORIZONS_S,
-    imu: str | None = None,
-    how: Integration = DEFAULT,
+    flight: Flight, *, horizons: Sequence[float] = num.HORIZONS_S, imu: str | None = None, how: Integration = DEFAULT
 ) -> Drift:
     """The drift of the flight's IMU against its autopilot after each horizon (s).
 
@@ -197,27 +192,16 @@ def each_imu(
     autopilot: ReferenceSpec,
 ) -> tuple[RedundantImu, ...]:
     """Every IMU of the flight with two samples or more, each by its own part's figures."""
-    return tuple(
-        _redundant(compare_imu(name), imu_spec_of(name), autopilot)
-        for name, track in flight.imus.items()
-        if len(track) > 1
-    )
-
-
-def _redundant(comparison: Comparison, imu_spec: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
-    chosen = windows(comparison, num.JUDGED_S)
-    inside: dict[str, float] = {}
-    if len(chosen.start):
-        total = budget(comparison, chosen, imu_spec, autopilot).total
-        error = stacked(comparison, chosen)
-        blocks = {"attitude": ATTITUDE, "position": POSITION} if comparison.has_position else {"attitude": ATTITUDE}
-        inside = {
-            name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square(3, num.Z_95)))
-            for name, b in blocks.items()
-        }
-    row = drift_of(comparison, (num.JUDGED_S,)).rows[0]
-    track = comparison.track
-    return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)
+    made = []
+    for name, track in flight.imus.items():
+        if len(track) > 1:
+            comparison = compare_imu(name)
+            chosen = windows(comparison, num.JUDGED_S)
+            expected = expected_over(comparison, chosen, imu_spec_of(name), autopilot)
+            inside = {} if expected is None else {k: v for k, v in expected.inside.items() if k != "velocity"}
+            (row,), own = drift_over(comparison, [chosen]).rows, comparison.track
+            made.append(RedundantImu(own.source, own.instance, own.rate_hz, row, inside))
+    return tuple(made)
 
 
 class RunningDrift:
@@ -257,9 +241,9 @@ class RunningDrift:
         self._begin = float(np.fmin(self._begin, begin))
         if self._part is None or (comparison.has_position and not self._part.has_position):
             self._part = Part(origin, comparison.has_position)
-            for table in self._tables:
-                earlier = int((origin - self._begin) / table.horizon) - int((origin - begin) / table.horizon)
-                table.begin({"no_position": earlier} if earlier else {})
+            for i, horizon in enumerate(table.horizon for table in self._tables):
+                earlier = int((origin - self._begin) / horizon) - int((origin - begin) / horizon)
+                self._tables[i] = _Table(horizon, {"no_position": earlier} if earlier else None)
         for table in self._tables:
             table.take(comparison, replace(self._part, before_s=settled_s))
 
@@ -267,25 +251,19 @@ class RunningDrift:
 class _Table:
     """The windows of one horizon: anchor, end, and the errors in attitude, velocity and position."""
 
-    def __init__(self, horizon: float) -> None:
+    def __init__(self, horizon: float, excluded: Mapping[str, int] | None = None) -> None:
         self.horizon = horizon
-        self._excluded: Counter[str] = Counter()
+        self._excluded: Counter[str] = Counter(excluded)
         self._errors = np.zeros((0, 11))
         self._next: int | None = None  # edge of the grid
-        self._row: dict[bool, DriftRow] = {}  # as it was made last, with a position and without
-
-    def begin(self, excluded: dict[str, int]) -> None:
-        self._excluded = Counter(excluded)
-        self._errors, self._next = np.zeros((0, 11)), None
-        self._row.clear()
+        self._row: DriftRow | None = None  # as it was made last; a page asks for it more often than it changes
 
     def take(self, comparison: Comparison, part: Part) -> None:
         part = replace(part, first=self._next)
         numbers = edges(comparison, self.horizon, part)
         if len(numbers) < 2:
             return
-        self._next = int(numbers[-1])
-        self._row.clear()
+        self._next, self._row = int(numbers[-1]), None
         chosen = windows(comparison, self.horizon, part)
         self._excluded.update(chosen.excluded)
         e = errors(comparison, chosen)
@@ -293,14 +271,12 @@ class _Table:
         self._errors = np.concatenate([self._errors, new])[-check.MAX_LIVE_WINDOWS :]
 
     def row(self, *, has_position: bool) -> DriftRow:
-        if has_position not in self._row:  # a page asks for it more often than it changes
-            self._row[has_position] = self._made(has_position=has_position)
-        return self._row[has_position]
-
-    def _made(self, *, has_position: bool) -> DriftRow:
-        e: Array = self._errors
-        window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
-        return drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
+        """The statistics so far; whether the flight has a position changes with a new table alone."""
+        if self._row is None:
+            e: Array = self._errors
+            window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
+            self._row = drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
+        return self._row
 
 
 def newest_stands_out(comparison: Comparison) -> bool:
@@ -327,15 +303,9 @@ def newest_stands_out(comparison: Comparison) -> bool:
 
 def _stands(track: ImuTrack) -> bool:
     """Whether an axis has read the same for just so long that it can be judged, and never before for half as long."""
-    return any(_has_stopped(track.t, readings) for readings in (track.gyro, track.accel))
-
-
-def _has_stopped(t: Array, readings: Array) -> bool:
-    if len(t) < 2:
-        return False
-    same = unchanged(readings)
-    for axis in range(3):
-        moves = np.flatnonzero(~same[:, axis]) + 1  # samples that read otherwise than the one before
+    t = track.t
+    for moved in (*(~unchanged(track.gyro)).T, *(~unchanged(track.accel)).T):
+        moves = np.flatnonzero(moved) + 1  # samples that read otherwise than the one before
         if len(moves) < 2:
             continue
         lasted = float(t[-1] - t[moves[-1]])

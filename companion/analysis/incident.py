@@ -21,7 +21,7 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.findings.detect import output_name
-from companion.analysis.phases import down_in_body, phases
+from companion.analysis.phases import down_in_body, in_the_air, phases
 from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm, priors
 from companion.estimation import AIDING
@@ -99,10 +99,8 @@ def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]
     """Everything that a page could be about, the most serious kind first, each in order of time."""
     lost = [Moment(p.start, "loss_of_control", p.reason) for p in phases(flight) if p.kind == "impact"]
     failsafes = [Moment(e.t, "failsafe", e.text) for e in flight.events if e.kind == "error" and "failsafe" in e.text]
-    causes = []
-    if assessment is not None:
-        errors = [f for f in assessment.verdict.findings if f.severity == "error" and f.cause is not None]
-        causes = [Moment(f.cause.onset_s, "cause", f.headline or f.evidence) for f in errors if f.cause is not None]
+    errors = [] if assessment is None else [f for f in assessment.verdict.findings if f.severity == "error"]
+    causes = [Moment(f.cause.onset_s, "cause", f.headline or f.evidence) for f in errors if f.cause is not None]
     lanes = [Moment(r.t, "lane_switch", r.text) for r in flight.resets if r.kind == "lane"]
     return tuple(one for kind in (lost, failsafes, causes, lanes) for one in sorted(kind, key=lambda m: m.t))
 
@@ -127,29 +125,17 @@ def incident(flight: Flight, assessment: Assessment | None, at: float | None = N
     tracking, outputs = _tracking(flight, moment.t, stop), tuple(_outputs(flight, moment.t, stop))
     lost = moment.kind == "loss_of_control" or (tracking is not None and tracking.left_s is not None)
     causes = of_loss(flight, assessment, moment.t, tracking, outputs) if lost else of_verdict(assessment)
-    missing = tuple(
-        name
-        for lacks, name in (
-            (flight.control is None, "the desired attitude"),
-            (flight.actuators is None, "motors and servos"),
-            (not flight.imus, "the IMU"),
-            (not flight.gps, "GPS"),
-            (True, "battery voltage and current, motor speeds"),
-        )
-        if lacks
+    looked_for = (
+        (flight.control, "the desired attitude"),
+        (flight.actuators, "motors and servos"),
+        (flight.imus or None, "the IMU"),
+        (flight.gps or None, "GPS"),
+        (None, "battery voltage and current, motor speeds"),
     )
-    rows = sorted(_timeline(flight, assessment, moment.t, start, stop), key=lambda row: row.after_s)
-    return Incident(
-        moment=moment,
-        start_s=start,
-        end_s=stop,
-        causes=causes,
-        timeline=tuple(rows),
-        imus=tuple(_reached(flight, moment.t, start, stop)),
-        tracking=tracking,
-        outputs=outputs,
-        missing=missing,
-    )
+    missing = tuple(name for there, name in looked_for if there is None)
+    timeline = tuple(sorted(_timeline(flight, assessment, moment.t, start, stop), key=lambda row: row.after_s))
+    imus = tuple(_reached(flight, moment.t, start, stop))
+    return Incident(moment, start, stop, causes, timeline, imus, tracking, outputs, missing)
 
 
 def _timeline(
@@ -173,10 +159,8 @@ def _reached(flight: Flight, t: float, start: float, stop: float) -> Iterator[Re
     for one in flight.each_imu():
         inside, before = (one.t >= start) & (one.t <= stop), (one.t >= start) & (one.t < t - check.WORTHLESS_S)
         if inside.any():
-            yield Reached(
-                one.source, _most(one.gyro, inside), _most(one.accel, inside), _most(one.gyro, before),
-                _most(one.accel, before),
-            )  # fmt: skip
+            most = (_most(values, where) for where in (inside, before) for values in (one.gyro, one.accel))
+            yield Reached(one.source, *most)
 
 
 def _most(values: Array, where: BoolArray) -> float:
@@ -261,11 +245,7 @@ class ProbableCause:
 
 def of_verdict(assessment: Assessment | None) -> tuple[ProbableCause, ...]:
     """Where control was not lost: the probabilities of the verdict, side by side."""
-    if assessment is None:
-        return ()
-    shares, reported = _shares(assessment, math.inf)
-    made = (ProbableCause(side, share, tuple(reported.get(side, ()))) for side, share in shares.items())
-    return tuple(sorted(made, key=lambda one: -one.probability))
+    return () if assessment is None else _by_probability(*_shares(assessment, math.inf))
 
 
 def _shares(assessment: Assessment, until: float) -> tuple[dict[str, float], dict[str, list[str]]]:
@@ -312,7 +292,11 @@ def of_loss(
     most = max(log_odds.values())
     weights = {cause: math.exp(value - most) for cause, value in log_odds.items()}
     total = sum(weights.values())
-    made = (ProbableCause(cause, weight / total, tuple(reasons[cause])) for cause, weight in weights.items())
+    return _by_probability({cause: weight / total for cause, weight in weights.items()}, reasons)
+
+
+def _by_probability(shares: Mapping[str, float], reasons: Mapping[str, Sequence[str]]) -> tuple[ProbableCause, ...]:
+    made = (ProbableCause(name, share, tuple(reasons.get(name, ()))) for name, share in shares.items())
     return tuple(sorted(made, key=lambda one: -one.probability))
 
 
@@ -337,10 +321,10 @@ def _evidence(
         announced = next((text for text in texts if pattern.search(text)), "")
         if flight.texts:
             seen[name] = bool(announced), f"the vehicle reported “{announced}”" if announced else "no report of it"
-    took_off = [p.start for p in phases(flight) if p.kind == "flight" and p.start <= t]
+    took_off = [part.start for part in in_the_air(flight) if part.start <= t]
     young = bool(took_off) and t - took_off[-1] < check.TAKING_OFF_S
     seen["taking_off"] = young, f"{t - took_off[-1]:.1f} s after it took off" if young else "well after take-off"
-    aloft = any(p.kind == "flight" and p.end > t - check.LOST_BEFORE_S for p in phases(flight))
+    aloft = any(part.end > t - check.LOST_BEFORE_S for part in in_the_air(flight))
     ends = flight.start + flight.duration - t < check.WORTHLESS_S
     seen["log_ends"] = aloft and ends, "the log ends in the air" if ends else "the log goes on after it"
     return seen

@@ -88,14 +88,8 @@ def _pose_error(shown: Replay, position: Array, angle: Array) -> PoseError:
 
 
 def _spread(values: Array) -> Spread:
-    return Spread(
-        rmse=float(np.sqrt(np.mean(values**2))),
-        mean=float(values.mean()),
-        median=float(np.median(values)),
-        std=float(values.std()),
-        min=float(values.min()),
-        max=float(values.max()),
-    )
+    rmse, middle = np.sqrt(np.mean(values**2)), (values.mean(), np.median(values))
+    return Spread(*map(float, (rmse, *middle, values.std(), values.min(), values.max())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, 
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
 from companion.estimation import CONSTANTS
-from companion.model import Array, Flight, GpsTrack, PositionTrack, interpolated, ned_from_geodetic
+from companion.model import Array, Flight, GpsTrack, interpolated, ned_from_geodetic
 from companion.strapdown import quaternion
 
 
@@ -78,7 +78,8 @@ def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
     own, speed = (interpolated(t, position.t, values) for values in (position.position, position.velocity))
     moved = own - place
     moved = np.where((known & judged)[:, None], moved - at_first(moved, known & judged, which), np.nan)
-    swift, pull = length(speed[:, :2]), _pull(position, t)
+    swift = length(speed[:, :2])
+    pull = np.interp(t, position.t, length(np.gradient(position.velocity[:, :2], position.t, axis=0)))  # m/s²
     sigma = {
         "position": np.hypot(np.nan_to_num(gps.horizontal_sigma), late * swift),
         "height": np.hypot(np.nan_to_num(gps.vertical_sigma), healthy.GPS_HEIGHT_WANDER_M),
@@ -128,12 +129,6 @@ def _place(gps: GpsTrack) -> Array:
     first = int(fixed[0]) if len(fixed) else 0
     about = float(gps.latitude[first]), float(gps.longitude[first]), float(gps.height[first])
     return ned_from_geodetic(gps.latitude, gps.longitude, gps.height, about)
-
-
-def _pull(position: PositionTrack, t: Array) -> Array:
-    """(N,) m/s², by how much the velocity changes around each time."""
-    change = np.gradient(position.velocity[:, :2], position.t, axis=0)
-    return np.interp(t, position.t, length(change))
 
 
 def _disagreements(one: _Apart) -> Iterator[Finding]:

@@ -59,7 +59,9 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
             kept[first + 1 : last + 1] = False
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
         if isinstance(track, BarometerTrack):
-            kept &= ~(out := _beyond_range(track))
+            coldest, hottest = healthy.BAROMETER_DEGC
+            out = np.asarray((track.temperature < coldest) | (track.temperature > hottest))
+            kept &= ~out
             faults.extend(_out_of_range(track, out))
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
@@ -141,12 +143,6 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
     for group in grouped(t, bad, check.FIX_JUMPS_GROUPED_S):
         if len(group) >= check.FIX_JUMPS_MIN:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
-
-
-def _beyond_range(track: BarometerTrack) -> BoolArray:
-    """(N,) where a barometer is hotter or colder than any is made for."""
-    coldest, hottest = healthy.BAROMETER_DEGC
-    return np.asarray((track.temperature < coldest) | (track.temperature > hottest))
 
 
 def _out_of_range(track: BarometerTrack, out: BoolArray) -> Iterator[Finding]:

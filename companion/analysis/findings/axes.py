@@ -12,7 +12,7 @@ from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.settings import board_orientation, mended
-from companion.analysis.reference import length
+from companion.analysis.reference import length, turn_between
 from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
@@ -128,7 +128,7 @@ def _motion(comparison: Comparison) -> _Motion | None:
         return None
     start, end = start[known], end[known]
     q = reference.q_ned_frd
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
+    turned = turn_between(q[start], q[end])
     seconds = (track.t[end] - track.t[start])[:, None]
     moving = (reference.position_known[start] & reference.position_known[end])[:, None]
     moved = np.where(moving, reference.velocity[end] - reference.velocity[start], 0.0)

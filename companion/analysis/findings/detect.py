@@ -224,11 +224,11 @@ def when_lost(
     """
     lost, uncontrolled = [part for part in parts if part.kind == "impact"], unjudged(parts)
     end = flight.start + flight.duration if track is None else float(track.t[-1])
-    kept = [
-        f
-        for f in all_findings
-        if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
-    ]
+
+    def within(f: Finding) -> bool:
+        return any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
+
+    kept = [f for f in all_findings if not within(f)]
     kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
     out: list[Finding] = []
     for part in lost:
@@ -352,12 +352,6 @@ _CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge"
 
 
 _WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
-_RATIOS = {
-    "velocity_ratio": "velocity",
-    "position_ratio": "position",
-    "height_ratio": "height",
-    "compass_ratio": "compass",
-}
 
 
 def with_reports(finding: Finding, flight: Flight) -> Finding:
@@ -396,11 +390,9 @@ def _speaks(text: str) -> bool:
 def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
     """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
     during = (estimator.t >= begin) & (estimator.t <= end)
-    ratios = {
-        name: float(np.nanmax(estimator[column][during]))
-        for column, name in _RATIOS.items()
-        if column in estimator.columns and np.isfinite(estimator[column][during]).any()
-    }
+    columns = ((name, f"{name}_ratio") for name in ("velocity", "position", "height", "compass"))
+    of_time = {name: estimator[column][during] for name, column in columns if column in estimator.columns}
+    ratios = {name: float(np.nanmax(values)) for name, values in of_time.items() if np.isfinite(values).any()}
     if not ratios:
         return ""
     worst = max(ratios, key=lambda name: ratios[name])

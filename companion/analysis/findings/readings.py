@@ -14,10 +14,9 @@ from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding, Severity, grouped, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import down_in_body
-from companion.analysis.reference import BoolArray, IntArray
+from companion.analysis.reference import BoolArray, IntArray, turn_between
 from companion.constants import check, harm, healthy, priors
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, counted, median
-from companion.strapdown import quaternion
 
 
 def reading_findings(
@@ -302,10 +301,7 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
     ends = [np.clip(np.searchsorted(track.t, grid + one), 0, len(track) - 1) for one in (-half, half)]
     good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])
     span = np.maximum(track.t[ends[1]] - track.t[ends[0]], 1e-9)[:, None]
-    turned = [
-        quaternion.log(quaternion.multiply(quaternion.conjugate(q[ends[0]]), q[ends[1]])) / span
-        for q in (comparison.path.q, reference.q_ned_frd)
-    ]
+    turned = [turn_between(q[ends[0]], q[ends[1]]) / span for q in (comparison.path.q, reference.q_ned_frd)]
     by_part = []
     for part in np.array_split(np.arange(len(grid)), check.LAG_PARTS):
         lag = _best(turned[0][part], turned[1][part], np.asarray(good[part]))
@@ -323,12 +319,8 @@ def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
     power = median((seen[known] ** 2).sum(axis=1)) if known.any() else 0.0
     if power < check.LAG_MIN_RPS**2:
         return None
-    left = np.array(
-        [
-            median(((gyro[most + k : len(gyro) - most + k][known] - seen[known]) ** 2).sum(axis=1))
-            for k in range(-most, most + 1)
-        ]
-    )
+    shifted = (gyro[most + k : len(gyro) - most + k][known] for k in range(-most, most + 1))
+    left = np.array([median(((one - seen[known]) ** 2).sum(axis=1)) for one in shifted])
     k = int(np.argmin(left))
     shifts = check.LAG_ASIDE
     aside = left[max(0, k - shifts) : k + shifts + 1][[0, -1]].min()

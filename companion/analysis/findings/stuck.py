@@ -22,11 +22,10 @@ from companion.analysis.findings.readings import (
     swing,
 )
 from companion.analysis.phases import down_in_body, judged_at
-from companion.analysis.reference import BoolArray, IntArray, length
+from companion.analysis.reference import BoolArray, IntArray, length, turn_between
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
 from companion.model import Array, Flight, ImuTrack, NoEstimateError, median, nearest
-from companion.strapdown import quaternion
 
 
 class Sensor:
@@ -187,7 +186,7 @@ def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, st
     """
     sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
     down, span = down_in_body(q), max(1, round(check.TURN_PART * len(q)))
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    turned = turn_between(q[:-span], q[span:])
     moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= harm.MOVED_RAD
     if sensor.name == "gyro":
         lasted = sensor.t[stretch][span:] - sensor.t[stretch][:-span]
@@ -306,10 +305,7 @@ class _Missed:
 
 
 def missed_findings(
-    comparison: Comparison,
-    best: BestEstimate,
-    flight: Flight,
-    smooth: Callable[[Flight], BestEstimate],
+    comparison: Comparison, best: BestEstimate, flight: Flight, smooth: Callable[[Flight], BestEstimate]
 ) -> Iterator[Finding]:
     """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
 
@@ -355,13 +351,8 @@ def _blames(best: BestEstimate, missed: _Missed) -> bool:
 
 def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> list[Explained]:
     """What was explained of a sensor between two times (s); a shock is felt for a second."""
-    return [
-        one
-        for one in best.explained
-        if one.kind.startswith(sensor)
-        and one.onset < end
-        and begin < (one.onset + 1.0 if one.shape == "shock" else one.end)
-    ]
+    begun = [one for one in best.explained if one.kind.startswith(sensor) and one.onset < end]
+    return [one for one in begun if begin < (one.onset + 1.0 if one.shape == "shock" else one.end)]
 
 
 def _read_throughout(other: ImuTrack, missed: _Missed) -> bool:

@@ -44,8 +44,8 @@ def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack], changes: Seque
             for axis in range(3):
                 for first, last in _noisier(level, axis):
                     begin, end = float(start[at + first]), float(start[at + last + 1])
-                    factor, alone = _factor(level[:, axis], first, last), _alone(name, axis, begin, end, others)
-                    yield _finding(name, axis, begin, end, factor, alone)
+                    factor = float(np.exp(np.median(level[first : last + 1, axis]) - np.median(level[:, axis])))
+                    yield _finding(name, axis, begin, end, factor, _alone(name, axis, begin, end, others))
 
 
 def _levels(track: ImuTrack, name: str) -> tuple[Array, Array]:
@@ -98,11 +98,6 @@ def _tail(t: float, freedom: int) -> float:
     """P(T > t) of Student's t distribution, by the approximation of D. L. Wallace (1959)."""
     z = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t * t / freedom))
     return NormalDist().cdf(-float(z)) if t > 0.0 else 1.0
-
-
-def _factor(level: Array, first: int, last: int) -> float:
-    """How many times noisier than usual."""
-    return float(np.exp(np.median(level[first : last + 1]) - np.median(level)))
 
 
 def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuTrack]) -> bool:
