@@ -39,7 +39,7 @@ STAGES: dict[str, tuple[str, ...]] = {
         "estimation/differences.py",
     ),
     "smooth": ("estimation",),
-    "masks": ("analysis/findings", "analysis/loss_of_control.py"),
+    "masks": ("analysis/findings", "analysis/phases.py"),
     "drift": ("analysis", "strapdown"),
     "present": ("present", "cli", "documents"),
 }  # fmt: skip

@@ -20,11 +20,10 @@ OWN_TABLES = {
     "estimation/aiding_sensors.py: _ROWS",  # all that is known of each aiding sensor
     "estimation/constant_errors.py: _BELIEVED",  # three components of a bias, nine of a matrix
     "estimation/model.py: _PRIORS",  # constants of a flight, their components and priors
-    "analysis/correction.py: _AXES",  # names of three, one and six components
     "analysis/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
     "analysis/fault_interval.py: BIAS_UNITS",  # how a bias is printed
     "analysis/findings/axes.py: _THOUSAND",  # factors between units, and their words
-    "analysis/findings/consequences.py: _MOTORS",  # numbers of SERVOn_FUNCTION
+    "analysis/findings/detect.py: _MOTORS",  # numbers of SERVOn_FUNCTION
     "analysis/inventory.py: _ORIENTATIONS",  # numbers of MAV_SENSOR_ORIENTATION
 }
 """Tables of rows that have more than a number, where their reader looks for them."""

@@ -1,37 +1,53 @@
 """Holds the IMU's dead reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
-from companion.analysis.agreement import Agreement
 from companion.analysis.alignment import Alignment, Later, Rest, align, rests
 from companion.analysis.assessment import Assessment, assess
-from companion.analysis.budget import Expected, expected_over
-from companion.analysis.calibrate import Calibration, calibrate
+from companion.analysis.budget import Agreement, Expected, expected_over
+from companion.analysis.calibrate import NAMES, NO_CORRECTION, PARTS, Calibration, Correction, calibrate, known_from
 from companion.analysis.comparison import (
     Comparison,
+    Integration,
     WindowErrors,
     Windows,
     compare,
     errors,
+    gravity_for,
     left_out,
     trailing,
     windows,
 )
-from companion.analysis.constant_faults import known_from
-from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.deviations import AutopilotBias, AutopilotError, Sensitivity, autopilot_bias, autopilot_error
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
-from companion.analysis.drift import Drift, DriftRow, RedundantImu, Statistic, drift, drift_of, each_imu
+from companion.analysis.drift import (
+    Drift,
+    DriftRow,
+    RedundantImu,
+    RunningDrift,
+    Statistic,
+    drift,
+    drift_of,
+    each_imu,
+    newest_stands_out,
+)
 from companion.analysis.fault_interval import percent
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
-from companion.analysis.incident import Incident, Moment, Output, TimelineRow, Tracking, imus_within, incident, window
-from companion.analysis.incident_causes import ProbableCause
-from companion.analysis.integration import Integration, gravity_for
+from companion.analysis.incident import (
+    Incident,
+    Moment,
+    Output,
+    ProbableCause,
+    TimelineRow,
+    Tracking,
+    imus_within,
+    incident,
+    window,
+)
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lane_errors import known_share
 from companion.analysis.lanes import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, judge_lanes
-from companion.analysis.live_verdict import Alarm, Band, LiveVerdict, State
 from companion.analysis.noise import (
     AxisNoise,
     FlightNoise,
@@ -54,11 +70,10 @@ from companion.analysis.pose_error import (
     rpe,
 )
 from companion.analysis.preflight import Ageing, Preflight, ageing, preflight
-from companion.analysis.preflight_check import Check
+from companion.analysis.preflight_aiding import Check
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, FreeRun, FreeState, Replay, extend, replay, replay_from_rest
-from companion.analysis.running_drift import RunningDrift, newest_stands_out
 from companion.analysis.standing import StandingFault, believable, carried_on, standing_verdict
-from companion.analysis.verdict import FlightVerdict, Verdict
+from companion.analysis.verdict import Alarm, Band, FlightVerdict, LiveVerdict, State, Verdict
 from companion.analysis.without_imu import verdict_without_imu
 from companion.constants.num import HORIZONS_S

@@ -19,12 +19,12 @@ import numpy as np
 
 from companion.analysis.budget import persistent_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import IntArray, run_edges
+from companion.analysis.finding import run_edges
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import BoolArray, attitude_error, length
+from companion.analysis.reference import BoolArray, IntArray, attitude_error, length, wrapped
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, nearest
-from companion.strapdown import Propagation, preintegrate, propagate, quaternion
+from companion.strapdown import Propagation, propagate, quaternion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +45,10 @@ class Rest:
     def duration_s(self) -> float:
         """s"""
         return self.end_s - self.start_s
+
+    def of(self, track: ImuTrack) -> ImuTrack:
+        """The samples of the track in it."""
+        return track[self.first : self.last + 1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,15 +100,8 @@ def _blocks(track: ImuTrack) -> _Blocks | None:
     edges = np.arange(count + 1) * size
     part = slice(0, count * size)
     gyro, accel = (x[part].reshape(count, size, 3) for x in (track.gyro, track.accel))
-    return _Blocks(
-        edges=edges,
-        t=track.t[np.minimum(edges, len(track) - 1)],
-        gyro=gyro.mean(axis=1),
-        accel=accel.mean(axis=1),
-        gyro_spread=gyro.std(axis=1).max(axis=1),
-        accel_spread=accel.std(axis=1).max(axis=1),
-        size=size,
-    )
+    t, means = track.t[np.minimum(edges, len(track) - 1)], (gyro.mean(axis=1), accel.mean(axis=1))
+    return _Blocks(edges, t, *means, gyro.std(axis=1).max(axis=1), accel.std(axis=1).max(axis=1), size)
 
 
 def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuSpec) -> BoolArray:
@@ -129,29 +126,22 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
     """Blocks in which nothing that the autopilot knows speaks against rest."""
     begin, end = blocks.t[:-1], blocks.t[1:]
     fine = np.ones(len(begin), np.bool_)
-    motors, known = armed(flight, begin, end)
+    was_armed = flight.armed(begin, end)
+    motors_off = np.full(len(begin), "HEARTBEAT" in flight.messages) if was_armed is None else ~was_armed
     position = flight.position
     if position is not None and len(position) > 1:
         inside = (begin >= position.t[0]) & (end <= position.t[-1])
         speed = np.interp(0.5 * (begin + end), position.t, length(position.velocity))
         # an estimator that starts up may think that it moves
-        fine &= ~inside | (speed < healthy.REST_MPS) | (known & ~motors)
+        fine &= ~inside | (speed < healthy.REST_MPS) | motors_off
         down = np.interp(0.5 * (begin + end), position.t, position.position[:, 2])
         if np.ptp(position.position[:, 2]) > harm.FLOWN_M:
             ground = float(position.position[:, 2].max()) - healthy.GROUND_M
-            fine &= ~inside | (down > ground) | (known & ~motors)
-    if motors.any():  # motors off and motors on are not the same
+            fine &= ~inside | (down > ground) | motors_off
+    if was_armed is not None and was_armed.any():  # motors off and motors on are not the same
         loud = float(np.percentile(blocks.gyro_spread, 75.0))
-        fine &= ~motors | (blocks.gyro_spread * healthy.REST_CONTRAST < loud)
+        fine &= motors_off | (blocks.gyro_spread * healthy.REST_CONTRAST < loud)
     return np.asarray(fine)
-
-
-def armed(flight: Flight, begin: Array, end: Array) -> tuple[BoolArray, BoolArray]:
-    """Whether the vehicle was armed in some of each block, and whether that is known."""
-    was_armed = flight.armed(begin, end)
-    if was_armed is None:
-        return np.zeros(len(begin), np.bool_), np.full(len(begin), "HEARTBEAT" in flight.messages)
-    return was_armed, np.ones(len(begin), np.bool_)
 
 
 def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[tuple[int, int]]:
@@ -189,20 +179,25 @@ def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuSpec, first: int, last: int)
 
 
 def _density(readings: Array, step: float, rate: float) -> float | None:
-    """White-noise density of readings (N, 3) at rest, worst axis; None where their steps hide it.
+    """White-noise density of readings (N, 3) at rest, worst axis, less what the steps add; None where they hide it."""
+    power = power_at_rest(readings, step, rate, 5)
+    return None if power is None else float(np.sqrt(max(power - step**2 / (12.0 * rate), 0.0))) or None
+
+
+def power_at_rest(readings: Array, step: float, rate: float, fewest: int) -> float | None:
+    """The square of that density with the steps; None where they hide the noise, or with fewer clusters.
 
     From neighbouring clusters (Allan's deviation times the root of the cluster's length), so that a filter that makes
-    samples alike does not make the sensor look better. What the steps add is taken off.
+    samples alike does not make the sensor look better.
     """
-    if step and float(readings.std(axis=0).max()) < 0.3 * step:
+    if step and float(readings.std(axis=0).max()) < check.HIDING_STEPS * step:
         return None
     size = max(1, round(check.REST_CLUSTER_S * rate))
     count = len(readings) // size
-    if count < 5:
+    if count < fewest:
         return None
     means = readings[: count * size].reshape(count, size, 3).mean(axis=1)
-    variance = float((0.5 * np.diff(means, axis=0) ** 2).mean(axis=0).max()) * size / rate
-    return float(np.sqrt(max(variance - step**2 / (12.0 * rate), 0.0))) or None
+    return float((0.5 * np.diff(means, axis=0) ** 2).mean(axis=0).max()) * size / rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +250,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     f = rest.accel
     roll, pitch = np.arctan2(-f[1], -f[2]), np.arctan2(f[0], np.hypot(f[1], f[2]))
     level = quaternion.from_euler(float(roll), float(pitch), 0.0)
-    steps = persistent_step_error(track.accel[rest.first : rest.last + 1], track.accel_step)
+    steps = persistent_step_error(rest.of(track).accel, track.accel_step)
     gravity = comparison.how.gravity
     tilt_sigma = float(np.hypot(imu.accel.residual_bias, steps[:2].max()) / gravity)
     magnetic = _magnetic_heading(flight, rest, level)
@@ -275,6 +270,9 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     elif magnetic is not None:
         source, yaw, heading_sigma = "magnetometer", magnetic, healthy.UNDECLINED_HEADING_RAD
         notes.append("the magnetic declination is not known: the heading is magnetic")
+    apart = None
+    if magnetic is not None and yaw_reference is not None:
+        apart = float(wrapped(np.array(magnetic - yaw_reference)))
     aligned = Alignment(
         rest=rest,
         q_ned_frd=quaternion.from_euler(float(roll), float(pitch), float(yaw)),
@@ -284,9 +282,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
         accel_bias=f * (1.0 - gravity / float(np.linalg.norm(f))),
         magnetic_rad=magnetic,
         declination_rad=flight.declination,
-        magnetic_error_rad=None
-        if magnetic is None or yaw_reference is None
-        else float((magnetic - yaw_reference + np.pi) % (2.0 * np.pi) - np.pi),
+        magnetic_error_rad=apart,
         later=(),
         notes=tuple(notes),
     )
@@ -311,9 +307,7 @@ def _later(
     aligned: Alignment, comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec
 ) -> tuple[tuple[Later, ...], list[str]]:
     track, start = aligned.freed(comparison.track), aligned.rest.last
-    path = preintegrate(
-        track, method=comparison.how.method, middle=comparison.how.middle, segments=comparison.how.segments
-    )
+    path = comparison.how.preintegrate(track)
     last, notes = len(track) - 1, []
     gaps = np.flatnonzero(comparison.gaps[start:])
     if len(gaps):
@@ -341,15 +335,10 @@ def _later(
     between = comparison.reference.interpolation_error(index, comparison.path).attitude
     covariance = covariance + between[:, None, None] ** 2 * np.eye(3)
     spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    rows = zip(
-        (track.t[index] - track.t[start]).tolist(),
-        np.degrees(length(error[:, :2])).tolist(),
-        np.degrees(np.abs(error[:, 2])).tolist(),
-        np.degrees(np.hypot(spread[:, 0], spread[:, 1])).tolist(),
-        np.degrees(spread[:, 2]).tolist(),
-        strict=True,
-    )
-    return tuple(Later(*row) for row in rows), notes
+    since, off = track.t[index] - track.t[start], (length(error[:, :2]), np.abs(error[:, 2]))
+    expected = np.hypot(spread[:, 0], spread[:, 1]), spread[:, 2]
+    rows = np.column_stack([since, *map(np.degrees, (*off, *expected))])
+    return tuple(Later(*row) for row in rows.tolist()), notes
 
 
 def _covariance(

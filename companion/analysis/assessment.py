@@ -8,19 +8,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from companion.analysis.agreement import Agreement, agreement, while_judged
 from companion.analysis.alignment import Rest, rests
-from companion.analysis.budget import Expected, expected_over
-from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import (
-    beside_best,
-    constant_fault_probability,
-    known_from,
-    level_is_unusual,
-    read_wrongly,
-)
-from companion.analysis.correction import NO_CORRECTION, Correction
+from companion.analysis.budget import Agreement, Expected, agreement, expected_over, while_judged
+from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate, known_from
+from companion.analysis.comparison import DEFAULT, Comparison, Integration, Windows, compare, windows
+from companion.analysis.constant_faults import beside_best, constant_fault_probability, level_is_unusual, read_wrongly
 from companion.analysis.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
 from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
@@ -29,17 +21,23 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding, turned_others
 from companion.analysis.findings.settings import righted_compasses
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
-from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.phases import aligned_at, flown, landed_at, phases
+from companion.analysis.phases import (
+    aligned_at,
+    between,
+    flown,
+    in_control,
+    landed_at,
+    phases,
+    unjudged,
+    while_in_control,
+)
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
 from companion.estimation import (
     CONSTANTS,
     BestEstimate,
     ConstantErrors,
-    Explained,
     chi_square,
     hypothesis_of,
     other_reading,
@@ -125,7 +123,9 @@ class Assessment:
             return calibrate(own, self.imu_spec, self.autopilot, horizon=num.JUDGED_S, until=until, known=known)
 
         try:
-            steady = best is not None and not any(_changes(one) for one in best.explained)
+            kinds = [] if best is None else [hypothesis_of(one.kind) for one in best.explained]
+            # of what lasts for a while there is no constant one of the whole flight
+            steady = not any(kind.side == "imu" and not kind.nuisance for kind in kinds)
             whole = fitted(best.errors if best and steady else None)
             part = fitted(best.first_half[1] if best and steady else None, self._middle)
         except np.linalg.LinAlgError:  # the flight does not determine what is asked of it
@@ -222,11 +222,6 @@ def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
     return replace(could, not_judged=(*could.not_judged, part))
 
 
-def _changes(one: Explained) -> bool:
-    """Whether it is an error of the IMU that lasts for a while: then there is no constant one of the whole flight."""
-    return hypothesis_of(one.kind).side == "imu" and not hypothesis_of(one.kind).nuisance
-
-
 def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:
     """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
     if before is None or after is None:
@@ -301,15 +296,12 @@ def in_flight(imu_spec: ImuSpec, best: BestEstimate) -> ImuSpec:
     All windows of the flight share one draw of it: at its 99.9 % it has to reach no further than their 95 %.
     """
 
-    shared = float(
-        np.sqrt(chi_square(3, num.Z_999) / chi_square(3, num.Z_95))
-    )  # what all windows share is allowed for so much more
+    shared = float(np.sqrt(chi_square(3, num.Z_999) / chi_square(3, num.Z_95)))  # for what all windows share
 
     def left(part: SensorSpec, noise: float, sigma: Array, warms: float) -> SensorSpec:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
-        return replace(
-            part, noise_density=max(part.noise_density, noise), residual_bias=shared * float(np.hypot(unknown, warms))
-        )
+        residual = shared * float(np.hypot(unknown, warms))
+        return replace(part, noise_density=max(part.noise_density, noise), residual_bias=residual)
 
     noise, lasting = best.noise, best.correlated
     return replace(
@@ -335,9 +327,5 @@ def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:
     def usual(bias: Array, most: float) -> Array:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))
 
-    return without_errors(
-        track,
-        states,
-        usual(states.gyro_bias, healthy.USUAL_BIAS["gyro"]),
-        usual(states.accel_bias, healthy.USUAL_BIAS["accel"]),
-    )
+    gyro = usual(states.gyro_bias, healthy.USUAL_BIAS["gyro"])
+    return without_errors(track, states, gyro, usual(states.accel_bias, healthy.USUAL_BIAS["accel"]))

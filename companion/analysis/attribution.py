@@ -97,13 +97,11 @@ def findings_of(
     in_use: the IMU that it flew on; another one misleads nobody.
     """
     may = tuple(e for e in all_intervals if e.side != "imu" or _in_use(e, best, in_use))
-    causes = [_cause_among(d, may, best) for d in deviations]
-    led_to = [[d for d, cause in zip(deviations, causes, strict=True) if cause is one] for one in all_intervals]
-    by_interval = [_of_interval(one, led, best, in_use) for one, led in zip(all_intervals, led_to, strict=True)]
-    out = [finding for finding in by_interval if finding is not None]
-    own = [d for d, cause in zip(deviations, causes, strict=True) if cause is None]
+    caused = [(d, _cause_among(d, may, best)) for d in deviations]
+    by_interval = [_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals]
+    own = [d for d, cause in caused if cause is None]
     by_imu = min((d.start for d in own if d.imu_confirms), default=np.inf)
-    return out + [_own(d, best, by_imu) for d in own]
+    return [finding for finding in by_interval if finding is not None] + [_own(d, best, by_imu) for d in own]
 
 
 def _of_interval(
@@ -113,7 +111,8 @@ def _of_interval(
     harmed = bool(consequences)
     misleads = any(d.size >= check.CERTAIN_SIGMAS * d.sigma for d in consequences)
     severity: Severity = "warning" if harmed else "info"
-    no_fault = likelihoods(interval).get("nobody", 0.0) >= priors.ACCUSED
+    nobody = likelihoods(interval).get("nobody", 0.0)
+    no_fault = nobody >= priors.ACCUSED
     if misleads or (may_be_fault(interval) and (harmed or (interval.side == "imu" and not no_fault))):
         severity = "error"
     if severity == "info" and not is_sized(interval, best):
@@ -144,17 +143,16 @@ def _of_interval(
     shown_kind = interval.kind
     if why.startswith("cannot tell") and no_fault and harmed:
         shown_kind = f"{consequences[0].quantity}_off"
-        chance = percent(1.0 - likelihoods(interval)["nobody"])
         side, severity, headline = "data", "warning", ""
         evidence = (
             f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it: "
-            f"{described(interval, best)} is one with {chance}"
+            f"{described(interval, best)} is one with {percent(1.0 - nobody)}"
         )
     elif why:
         side, severity, headline = "data", "warning", ""
         evidence = f"{'perhaps ' if would_tell else ''}{evidence}; {why}"
     elif no_fault and not harmed:
-        evidence += f" (no fault: {percent(likelihoods(interval)['nobody'])})"
+        evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
         evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
@@ -178,17 +176,13 @@ def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
     """A compass that is turned against the IMU since the start of the log: or the IMU, and the board with it."""
     size, sigma, _ = reported_size(interval, best)
     what = f"compass and IMU are turned against each other by {np.degrees(size):.0f} ± {np.degrees(sigma):.0f}°"
-    return Finding(
-        interval.kind,
-        "data",
-        "warning",
-        float(best.t[0]),
-        float(best.t[-1]),
-        f"{what} since the start of the log; which of them sits so, or is set so, cannot be told",
+    evidence = f"{what} since the start of the log; which of them sits so, or is set so, cannot be told"
+    advice = (
         "Compare the orientation settings with the vehicle: COMPASS_ORIENT and AHRS_ORIENTATION, or CAL_MAG0_ROT and "
-        "SENS_BOARD_ROT.",
-        undecided=True,
+        "SENS_BOARD_ROT."
     )
+    begin, end = float(best.t[0]), float(best.t[-1])
+    return Finding(interval.kind, "data", "warning", begin, end, evidence, advice, undecided=True)
 
 
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
@@ -273,21 +267,13 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Fi
     both may be off by, it is said and accuses nobody.
     """
     why, would_tell = _why_unsure(deviation, best, by_imu)
-    unsure = bool(why)
-    words = f"its estimate is off by {deviation} against the best estimate of the sensors, which agree with each other"
-    if unsure:
-        words = f"autopilot and IMU differ by {deviation}; {why}"
-    return Finding(
-        f"{deviation.quantity}_off",
-        "data" if unsure else "autopilot",
-        "warning" if unsure else "error",
-        deviation.start,
-        deviation.end,
-        words,
-        would_tell if unsure else
-        "Look at the estimator's innovations and at its settings; compare with another core or another estimator.",
-        headline="" if unsure else f"it is off by {deviation} from what all sensors together say, "
-        f"from {deviation.start:.1f} to {deviation.end:.1f} s",
-        cause=deviation.cause if not unsure or why.startswith(_HARDLY_OFF) else None,
-        undecided=unsure,
-    )  # fmt: skip
+    kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
+    if why:
+        evidence = f"autopilot and IMU differ by {deviation}; {why}"
+        cause = deviation.cause if why.startswith(_HARDLY_OFF) else None
+        return Finding(kind, "data", "warning", start, end, evidence, would_tell, cause=cause, undecided=True)
+    against = "the best estimate of the sensors, which agree with each other"
+    evidence = f"its estimate is off by {deviation} against {against}"
+    advice = "Look at the estimator's innovations and at its settings; compare with another core or another estimator."
+    headline = f"it is off by {deviation} from what all sensors together say, from {start:.1f} to {end:.1f} s"
+    return Finding(kind, "autopilot", "error", start, end, evidence, advice, headline, deviation.cause)

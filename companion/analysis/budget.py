@@ -3,22 +3,24 @@
 Covariances of (attitude rotation vector, velocity, position) in NED, autopilot minus IMU, by cause: the causes stay
 apart because each is a running integral along the track (docs/mathematics.md, error propagation). A budget without a
 cause is how calibration asks "what is left if I solve for the biases?".
+
+Also here: how many windows are inside what is expected of them, as the verdict judges them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, IntArray, Windows, errors, means_between
+from companion.analysis.comparison import Comparison, Windows, errors, means_between, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import InterpolationError
-from companion.constants import num
+from companion.analysis.reference import IntArray, InterpolationError
+from companion.constants import num, priors
 from companion.estimation import chi_square
-from companion.model import Array, ImuTrack
-from companion.strapdown import Propagation
+from companion.model import Array, ImuTrack, Phase, counted
+from companion.strapdown import Preintegration, Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -102,14 +104,7 @@ def turn_jacobian(growth: Propagation) -> Array:
     True readings are (1 + [r]x) times the measured ones, for gyro and accelerometer alike.
     """
     both = growth.gyro_matrix + growth.accel_matrix  # per error that is taken off the readings
-    return np.stack(
-        [
-            both[:, :, 1, 2] - both[:, :, 2, 1],
-            both[:, :, 2, 0] - both[:, :, 0, 2],
-            both[:, :, 0, 1] - both[:, :, 1, 0],
-        ],
-        axis=2,
-    )
+    return np.stack([both[:, :, i, j] - both[:, :, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=2)
 
 
 def nees(error: Array, covariance: Array) -> Array:
@@ -132,9 +127,9 @@ def _solved(matrix: Array, right: Array) -> Array:
         return np.full(right.shape, np.nan)
 
 
-def stacked(comparison: Comparison, chosen: Windows) -> Array:
-    """The errors of the windows in the order of a budget's covariances, (W, 9)."""
-    window_errors = errors(comparison, chosen)
+def stacked(comparison: Comparison, chosen: Windows, path: Preintegration | None = None) -> Array:
+    """The errors of the windows in the order of a budget's covariances, (W, 9); path: as for `errors`."""
+    window_errors = errors(comparison, chosen, path=path)
     return np.column_stack([window_errors.attitude, window_errors.velocity, window_errors.position])
 
 
@@ -165,9 +160,7 @@ def _square(jacobian: Array) -> Array:
 
 def _sampling(comparison: Comparison, chosen: Windows) -> Array:
     """Covariance of the error that comes of finite sampling: what the other middle sample changes (embedded pair)."""
-    paths = (comparison.path, comparison.coarse(chosen.start, chosen.end))
-    fine, coarse = (errors(comparison, chosen, path=path) for path in paths)
-    d = np.column_stack([getattr(fine, n) - getattr(coarse, n) for n in ("attitude", "velocity", "position")])
+    d = stacked(comparison, chosen) - stacked(comparison, chosen, comparison.coarse(chosen.start, chosen.end))
     return np.asarray(d[:, :, None] * d[:, None, :])
 
 
@@ -213,20 +206,15 @@ def jitter_covariance(track: ImuTrack, chosen: Windows, growth: Propagation) -> 
     ends at wrong times cancels: the intervals are wrong by as much as the times that the autopilot's state is taken at.
     """
     total = np.zeros((len(chosen.start), 9, 9))
-    sigma = stamp_jitter(track)
-    if sigma > 0.0:
-        for name, readings in (("gyro_noise", track.gyro), ("accel_noise", track.accel)):
-            power = sigma**2 * _mean_square_rate(track.t, readings, chosen) / track.rate_hz
-            total += power[:, None, None] * growth.noise[name][:, :9, :9]
+    sigma, apart = stamp_jitter(track), track.t[2:] - track.t[:-2]
+    for name, readings in (("gyro_noise", track.gyro), ("accel_noise", track.accel)) if sigma > 0.0 else ():
+        rate = np.zeros(len(track))
+        for axis in readings.T:
+            rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
+        mean_square = means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1]
+        power = sigma**2 * mean_square / track.rate_hz
+        total += power[:, None, None] * growth.noise[name][:, :9, :9]
     return total
-
-
-def _mean_square_rate(t: Array, readings: Array, chosen: Windows) -> Array:
-    """Mean square of the readings' rate of change in each window, mean over axes, (W,)."""
-    rate, apart = np.zeros(len(t)), t[2:] - t[:-2]
-    for axis in readings.T:
-        rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
-    return np.asarray(means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1])
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
@@ -260,3 +248,59 @@ def expected_over(
         shares={name: allowed.shares(block) for name, block in blocks.items()},
         inside={name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()},
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How many windows of one length are inside the 95 % bound, as they are judged: with the known errors removed.
+
+    Those are what the best estimate and the installation explain of the IMU: its usual bias, lag, mounting. The noise
+    is that of the flight, and windows in which nothing is judged are left out.
+    """
+
+    horizon_s: float
+    windows: int  # used
+    excluded: Mapping[str, int]  # windows left out, by reason
+    inside: Mapping[str, float]  # attitude, velocity, position → share of the windows; empty without windows
+
+    @property
+    def share(self) -> float:
+        """In the quantity in which the fewest are inside; 0 without windows."""
+        return min(self.inside.values(), default=0.0)
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether enough are inside in every quantity."""
+        return self.share >= priors.CONSISTENT_SHARE
+
+    def __str__(self) -> str:
+        """How many are inside, and what of."""
+        what = f"{counted(self.windows, 'window')} of {self.horizon_s:g} s inside the 95 % bound"
+        return f"{100.0 * self.share:.0f} % of {what}, known errors removed"
+
+
+def agreement(
+    corrected: Comparison,
+    horizon: float,
+    parts: Sequence[Phase],
+    usual: ImuSpec,
+    autopilot: ReferenceSpec,
+    within: Sequence[tuple[float, float]],
+) -> Agreement:
+    """Of the windows of one length within spans (s) that are judged; corrected: with the IMU's known errors removed."""
+    chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
+    expected = expected_over(corrected, chosen, usual, autopilot)
+    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
+
+
+def while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
+    """The windows in which the estimator has aligned and the vehicle has neither landed nor lost control."""
+    out = np.zeros(len(chosen.start), np.bool_)
+    for part in parts:
+        if part.kind in ("aligning", "landed", "impact"):
+            out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
+    if not out.any():
+        return chosen
+    reasons = {**chosen.excluded, "not_judged": int(out.sum())}
+    kept = ~out
+    return replace(chosen.only(kept), excluded=reasons)

@@ -9,25 +9,110 @@ that tells is taken from it, for the autopilot may be wrong, and what the window
 
 What lasts through the flight and is not the IMU's is solved for beside them, so that no figure claims to be better
 known than it is: the autopilot's own tilt and heading error, and gravity. No average over windows makes those smaller.
+
+Also here: the errors themselves, as they are taken from the readings afterwards; and the best estimate's figures of
+them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
 
-from companion.analysis.budget import Budget, budget, nees, stacked, turn_jacobian
+from companion.analysis.budget import Budget, budget, nees, persistent_step_error, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Windows, windows
-from companion.analysis.constant_faults import Known, persistent_covariance
-from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import BoolArray
 from companion.constants import healthy, num
-from companion.estimation import chi_square
-from companion.model import STANDARD_GRAVITY, Array, brief
+from companion.estimation import ConstantErrors, allowing, chi_square
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, brief
 from companion.strapdown import quaternion
+
+GYRO_MISALIGNED: Final = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+ACCEL_MISALIGNED: Final = ((1, 0), (2, 0), (2, 1))
+"""Row and column of each misalignment in its sensor's matrix. The accelerometer's is lower triangular: it defines the
+IMU's axes, which `mounting` turns into the attitude's (Rehder et al. 2016, Extending kalibr)."""
+
+_XYZ = ("x", "y", "z")
+_FIGURES: Final[Mapping[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("gyro_bias", "accel_bias", "mounting"), _XYZ),
+    "time_offset": ("",),
+    **dict.fromkeys(("gyro_scale", "accel_scale"), _XYZ),
+    "gyro_misalignment": tuple("xyz"[i] + "xyz"[j] for i, j in GYRO_MISALIGNED),
+    "accel_misalignment": tuple("xyz"[i] + "xyz"[j] for i, j in ACCEL_MISALIGNED),
+    "lever_arm": _XYZ,
+}
+_ENDS = zip(_FIGURES.items(), accumulate(map(len, _FIGURES.values())), strict=True)
+PARTS: Final[Mapping[str, slice]] = {part: slice(end - len(axes), end) for (part, axes), end in _ENDS}
+"""The attributes of a Correction, and their places when all are one vector."""
+
+NAMES: Final = tuple(f"{part}_{axis}".rstrip("_") for part, axes in _FIGURES.items() for axis in axes)
+"""One name for each figure, in the order of the vector."""
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """What is taken from an IMU's readings: true = (1 + [mounting]x)(1 + E)(measured - bias), at t - time_offset.
+
+    E is a sensor's matrix of scale (diagonal) and misalignment. With a lever arm r, what the IMU feels only because it
+    is not at the body's origin is taken from the specific force: α x r + ω x (ω x r).
+    """
+
+    gyro_bias: Array = field(default_factory=_zeros)  # rad/s
+    accel_bias: Array = field(default_factory=_zeros)  # m/s²
+    mounting: Array = field(default_factory=_zeros)  # rad, small rotation of its axes into those of the attitude, FRD
+    time_offset: float = 0.0  # s by which the IMU's times lag behind the autopilot's estimate
+    gyro_scale: Array = field(default_factory=_zeros)  # part of the reading that is missing
+    accel_scale: Array = field(default_factory=_zeros)
+    gyro_misalignment: Array = field(default_factory=lambda: np.zeros(6))  # rad, in the order of GYRO_MISALIGNED
+    accel_misalignment: Array = field(default_factory=_zeros)  # rad, in the order of ACCEL_MISALIGNED
+    lever_arm: Array = field(default_factory=_zeros)  # m, FRD, from the point that the autopilot reports to the IMU
+
+    @classmethod
+    def of(cls, values: Array) -> Correction:
+        """From one vector (28,) in the order of PARTS."""
+        parts = {name: values[place] for name, place in PARTS.items() if name != "time_offset"}
+        return cls(**parts, time_offset=float(values[PARTS["time_offset"]][0]))
+
+    @property
+    def values(self) -> Array:
+        """All as one vector (28,) in the order of PARTS."""
+        return np.concatenate([np.atleast_1d(getattr(self, f.name)) for f in fields(self)])
+
+    def apply(self, track: ImuTrack) -> ImuTrack:
+        """The track freed of these errors; itself where there are none."""
+        if not self.values.any():
+            return track
+        turn = np.eye(3) + np.cross(self.mounting, np.eye(3)).T
+        gyro_matrix = _matrix(self.gyro_scale, self.gyro_misalignment, GYRO_MISALIGNED)
+        accel_matrix = _matrix(self.accel_scale, self.accel_misalignment, ACCEL_MISALIGNED)
+        gyro = (track.gyro - self.gyro_bias) @ (turn @ gyro_matrix).T
+        accel = (track.accel - self.accel_bias) @ (turn @ accel_matrix).T
+        if self.lever_arm.any() and len(track) > 1:
+            # differences of the noisy rate are noisy, but telescope in the integral that they are made for
+            angular = np.gradient(gyro, track.t, axis=0)
+            swing = quaternion.cross(gyro, self.lever_arm)
+            accel = accel - quaternion.cross(angular, self.lever_arm) - quaternion.cross(gyro, swing)
+        return replace(track, t=track.t - self.time_offset, gyro=gyro, accel=accel)
+
+
+NO_CORRECTION: Final = Correction()
+
+
+def _matrix(scale: Array, misalignment: Array, places: tuple[tuple[int, int], ...]) -> Array:
+    matrix = np.diag(1.0 + scale)
+    rows, columns = zip(*places, strict=True)
+    matrix[rows, columns] = misalignment
+    return matrix
+
 
 _COUNT = len(NAMES)
 _PERSISTENT: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")
@@ -245,3 +330,58 @@ def _solve(
     pull[: len(values)] -= values / prior[: len(values)]
     joint = np.linalg.inv(sums[:, :-1] + np.eye(len(prior)))
     return joint @ pull * prior, joint * np.outer(prior, prior)
+
+
+_COMMON = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment", "accel_misalignment")
+"""Parts of a calibration that the best estimate has figures of too."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """What is known of the figures of a calibration without the autopilot's estimate; zero for what is not."""
+
+    values: Array  # (28,)
+    covariance: Array  # (28, 28)
+    observable: BoolArray  # (28,) which of them are observable
+
+
+def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
+    """The same errors in the terms of a calibration of a track, of which they are."""
+    wider, turn = allowing(errors, imu.gyro.scale_tolerance, imu.accel.scale), _to_figures()
+    place = np.concatenate([np.arange(len(NAMES))[PARTS[part]] for part in _COMMON])
+    values, possible = np.zeros(len(NAMES)), np.zeros(len(NAMES))
+    covariance = persistent_covariance(track)
+    values[place] = turn @ wider.values
+    covariance[np.ix_(place, place)] += turn @ wider.covariance @ turn.T
+    possible[place] = np.sqrt(np.diag(turn @ np.diag(wider.possible**2) @ turn.T))
+    observable = np.sqrt(np.diag(covariance)) < num.OBSERVABLE * np.maximum(possible, np.abs(values))
+    return Known(values, covariance, observable)
+
+
+def persistent_covariance(track: ImuTrack) -> Array:
+    """(28, 28) of what truncation takes from every reading of a flight, which no fit can tell from a bias."""
+    out = np.zeros((len(NAMES), len(NAMES)))
+    for part, readings, step in (
+        ("gyro_bias", track.gyro, track.gyro_step),
+        ("accel_bias", track.accel, track.accel_step),
+    ):
+        out[PARTS[part], PARTS[part]] = np.diag(persistent_step_error(readings, step) ** 2)
+    return out
+
+
+def _to_figures() -> Array:
+    """(21, 24): the figures of _COMMON from the best estimate's biases and matrices.
+
+    Its matrices M are full: (I - M) = (I + [u]x)(I + E) to first order, E that of the accelerometer lower triangular.
+    The turn u = (M₁₂, -M₀₂, M₀₁) of the accelerometer's is one of the IMU's axes, which `mounting` has.
+    """
+    gyro, accel = (np.eye(24)[start : start + 9].reshape(3, 3, 24) for start in (6, 15))
+    u = np.stack([accel[1, 2], -accel[0, 2], accel[0, 1]])
+    zero = np.zeros(24)
+    cross = np.array([[zero, -u[2], u[1]], [u[2], zero, -u[0]], [-u[1], u[0], zero]])
+    gyro, accel = -gyro - cross, -accel - cross
+    diagonal = np.arange(3)
+    (rows, columns), (low, left) = (np.transpose(places) for places in (GYRO_MISALIGNED, ACCEL_MISALIGNED))
+    return np.concatenate(
+        [np.eye(6, 24), gyro[diagonal, diagonal], accel[diagonal, diagonal], gyro[rows, columns], accel[low, left]]
+    )

@@ -1,17 +1,20 @@
-"""One IMU of a flight, integrated once, beside the autopilot: what drift, budget, calibration and findings share."""
+"""One IMU of a flight, integrated once, beside the autopilot: what drift, budget, calibration and findings share.
+
+Also here: how an IMU is integrated, in which gravity, and what ends a window.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import (
     BoolArray,
+    IntArray,
+    Limits,
     Reference,
     attitude_error,
     attitude_jumps,
@@ -19,10 +22,75 @@ from companion.analysis.reference import (
     reference_at,
 )
 from companion.constants import num
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, check_seconds, median, nearest
-from companion.strapdown import Preintegration, Propagation, Sums, error_sums, joined, preintegrate, propagate
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    AttitudeTrack,
+    DataError,
+    Flight,
+    ImuTrack,
+    PositionTrack,
+    SettingsError,
+    brief,
+    check_number,
+    check_seconds,
+    median,
+    nearest,
+)
+from companion.strapdown import (
+    Preintegration,
+    Propagation,
+    Sums,
+    error_sums,
+    joined,
+    normal_gravity,
+    preintegrate,
+    propagate,
+)
 
-IntArray = npt.NDArray[np.intp]
+
+@dataclass(frozen=True, slots=True)
+class Integration:
+    """One way to integrate.
+
+    Raises SettingsError for gravity that is no number; the analysis, for a method or middle sample that is none.
+    """
+
+    method: str = "rk4"  # of `strapdown.METHODS`
+    middle: str = "cubic"  # the signal between two samples: linear or cubic
+    segments: int = 1  # steps between two samples
+    gravity: float = STANDARD_GRAVITY  # m/s², along NED's down
+    limits: Limits = field(default_factory=Limits)  # what is a gap, what is a jump
+
+    def __post_init__(self) -> None:
+        check_number("gravity", self.gravity)
+
+    def preintegrate(self, track: ImuTrack) -> Preintegration:
+        """One pass over a track, that carries any window."""
+        return preintegrate(track, method=self.method, middle=self.middle, segments=self.segments)
+
+
+DEFAULT = Integration()
+
+
+def gravity_for(flight: Flight, model: str | float) -> float:
+    """Gravity along NED's down, m/s²: "standard" (9.80665), "normal" (WGS-84 at the flight's origin) or a number.
+
+    Raises DataError for "normal" when the log does not say where on Earth the flight was, SettingsError for another
+    word.
+    """
+    if isinstance(model, int | float):
+        return float(model)
+    if model == "standard":
+        return STANDARD_GRAVITY
+    if model != "normal":
+        raise SettingsError(f'gravity must be "standard", "normal" or a number in m/s², got {model!r}')
+    if flight.origin is None:
+        raise DataError(
+            f"vehicle {flight.vehicle}, boot {flight.boot}: no latitude in the log (GLOBAL_POSITION_INT, GPS_RAW_INT, "
+            'GPS_GLOBAL_ORIGIN), which gravity = "normal" needs. Use "standard", or give a number in m/s².'
+        )
+    return float(normal_gravity(flight.origin.latitude, flight.origin.height))
 
 
 def means_between(values: Array | BoolArray, start: IntArray, end: IntArray) -> Array:
@@ -43,8 +111,7 @@ class Passes:
     @cached_property
     def path(self) -> Preintegration:
         """Carries any window."""
-        how = self._how
-        return preintegrate(self._track, method=how.method, middle=how.middle, segments=how.segments)
+        return self._how.preintegrate(self._track)
 
     def coarse(self, samples: IntArray, usual: IntArray) -> Preintegration:
         """That of rk4's other middle sample, at the samples that are wanted and those that usually are; kept for all
@@ -52,7 +119,7 @@ class Passes:
         if self._coarse is None or not np.isin(samples, self._coarse[0]).all():
             known = np.unique(np.concatenate([samples, usual]))
             other = "linear" if self._how.middle == "cubic" else "cubic"
-            whole = preintegrate(self._track, method="rk4", middle=other, segments=self._how.segments)
+            whole = replace(self._how, method="rk4", middle=other).preintegrate(self._track)
             self._coarse = known, whole.at(known)
         return self._coarse[1]
 
@@ -96,16 +163,9 @@ class Comparison:
         first, last = (self._seconds.searchsorted(samples) for samples in (start, end))
         shared = chosen.horizon >= 1.0 and len(np.setdiff1d(np.append(start, end), self._seconds)) == 0
         begin = self.reference.at(start)
-        return propagate(
-            self.track,
-            self.path,
-            start,
-            end,
-            begin.q_ned_frd,
-            begin.velocity,
-            gravity=self.how.gravity,
-            sums=joined(self._second_sums, first, last) if shared else None,
-        )
+        sums = joined(self._second_sums, first, last) if shared else None
+        state, gravity = (begin.q_ned_frd, begin.velocity), self.how.gravity
+        return propagate(self.track, self.path, start, end, *state, gravity=gravity, sums=sums)
 
     @cached_property
     def _seconds(self) -> IntArray:
@@ -178,11 +238,7 @@ class WindowErrors:
 
 
 def compare(
-    flight: Flight,
-    *,
-    imu: str | None = None,
-    how: Integration = DEFAULT,
-    track: ImuTrack | None = None,
+    flight: Flight, *, imu: str | None = None, how: Integration = DEFAULT, track: ImuTrack | None = None
 ) -> Comparison:
     """Integrate one IMU of the flight and find the autopilot's state at its samples.
 

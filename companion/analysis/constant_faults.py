@@ -5,75 +5,25 @@ part in order or, rarely, of one that is broken, wrongly calibrated or of wrong 
 and the probability of the second is Bayes'. All IMUs of a vehicle are weighed together: what all of them read alike is
 likelier an error of the estimate, by which all are measured, than the same fault of each.
 
-Also here: the best estimate's figures of an IMU's lasting errors, as a calibration has them, and its trajectory as a
-judge.
+Also here: the best estimate's trajectory as a judge.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 
 import numpy as np
 
-from companion.analysis.budget import persistent_step_error
 from companion.analysis.comparison import Comparison, Windows
-from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.reference import BoolArray, IntArray, InterpolationError, Reference, States
+from companion.analysis.reference import IntArray, InterpolationError, Reference, States
 from companion.constants import check, harm, healthy, num, priors
-from companion.estimation import (
-    BestEstimate,
-    ConstantErrors,
-    Explained,
-    allowing,
-    at_rest,
-    hypothesis_of,
-    in_blocks,
-    times_of_change,
-)
-from companion.model import Array, Flight, ImuTrack
+from companion.estimation import BestEstimate, Explained, at_rest, hypothesis_of, in_blocks, times_of_change
+from companion.model import Array, Flight
 from companion.strapdown import Preintegration
-
-_COMMON = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment", "accel_misalignment")
-"""Parts of a calibration that the best estimate has figures of too."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """What is known of the figures of a calibration without the autopilot's estimate; zero for what is not."""
-
-    values: Array  # (28,)
-    covariance: Array  # (28, 28)
-    observable: BoolArray  # (28,) which of them are observable
-
-
-def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
-    """The same errors in the terms of a calibration of a track, of which they are."""
-    wider, turn = allowing(errors, imu.gyro.scale_tolerance, imu.accel.scale), _to_figures()
-    place = np.concatenate([np.arange(len(NAMES))[PARTS[part]] for part in _COMMON])
-    values, possible = np.zeros(len(NAMES)), np.zeros(len(NAMES))
-    covariance = persistent_covariance(track)
-    values[place] = turn @ wider.values
-    covariance[np.ix_(place, place)] += turn @ wider.covariance @ turn.T
-    possible[place] = np.sqrt(np.diag(turn @ np.diag(wider.possible**2) @ turn.T))
-    observable = np.sqrt(np.diag(covariance)) < num.OBSERVABLE * np.maximum(possible, np.abs(values))
-    return Known(values, covariance, observable)
-
-
-def persistent_covariance(track: ImuTrack) -> Array:
-    """(28, 28) of what truncation takes from every reading of a flight, which no fit can tell from a bias."""
-    out = np.zeros((len(NAMES), len(NAMES)))
-    for part, readings, step in (
-        ("gyro_bias", track.gyro, track.gyro_step),
-        ("accel_bias", track.accel, track.accel_step),
-    ):
-        out[PARTS[part], PARTS[part]] = np.diag(persistent_step_error(readings, step) ** 2)
-    return out
 
 
 def steady_error(best: BestEstimate, sensor: str) -> tuple[Array, Array]:
@@ -99,24 +49,6 @@ def level_is_unusual(best: BestEstimate, flight: Flight) -> bool:
 ALL_THE_TIME = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 
 
-def _to_figures() -> Array:
-    """(21, 24): the figures of _COMMON from the best estimate's biases and matrices.
-
-    Its matrices M are full: (I - M) = (I + [u]x)(I + E) to first order, E that of the accelerometer lower triangular.
-    The turn u = (M₁₂, -M₀₂, M₀₁) of the accelerometer's is one of the IMU's axes, which `mounting` has.
-    """
-    gyro, accel = (np.eye(24)[start : start + 9].reshape(3, 3, 24) for start in (6, 15))
-    u = np.stack([accel[1, 2], -accel[0, 2], accel[0, 1]])
-    zero = np.zeros(24)
-    cross = np.array([[zero, -u[2], u[1]], [u[2], zero, -u[0]], [-u[1], u[0], zero]])
-    gyro, accel = -gyro - cross, -accel - cross
-    diagonal = np.arange(3)
-    (rows, columns), (low, left) = (np.transpose(places) for places in (GYRO_MISALIGNED, ACCEL_MISALIGNED))
-    return np.concatenate(
-        [np.eye(6, 24), gyro[diagonal, diagonal], accel[diagonal, diagonal], gyro[rows, columns], accel[low, left]]
-    )
-
-
 def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[Comparison, Windows]:
     """The same track beside the best estimate in place of the autopilot's, and those of the windows in which it is."""
     t, index = own.track.t, best.index
@@ -126,17 +58,14 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     known[samples] = True
     placed = known if "gps_position" in best.residuals else nowhere
     states = States(*best.at(t[samples]))
-    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states), _not_interpolated)), within
 
+    def look_up(index: IntArray) -> States:
+        return states.rows(np.searchsorted(samples, index))
 
-def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:
-    """The states at samples `index`, of those at `samples`, ascending."""
-    return states.rows(np.searchsorted(samples, index))
+    def not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
+        return InterpolationError(*np.zeros((3, len(index))))  # the best estimate follows the IMU from sample to sample
 
-
-def _not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
-    """The best estimate follows the IMU from sample to sample."""
-    return InterpolationError(*(np.zeros(len(index)) for _ in range(3)))
+    return own.beside(Reference(t, known, placed, look_up, not_interpolated)), within
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,29 +242,14 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
         )
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = hypothesis_of(f"{one.sensor}_bias")
-        fault = sure >= priors.ACCUSED
+        evidence = f"{words}; {usual} (probability of a fault {percent(sure)})"
+        advice = f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting."
+        if sure < priors.ACCUSED:
+            unsure = sure > 1.0 - priors.ACCUSED
+            yield Finding(kind.name, "data", "warning", begin, end, evidence, advice, undecided=unsure)
+            continue
         cause = Cause(
-            kind.name,
-            "imu",
-            begin,
-            sensor=one.sensor,
-            axis="xyz"[i],
-            size=abs(float(one.value[i])),
-            sigma=float(one.sigma[i]),
-            unit=kind.unit,
-            probability=sure,
-            side_probability=sure,
-            imu=one.imu,
-        )
-        yield Finding(
-            kind.name,
-            "imu" if fault else "data",
-            "error" if fault else "warning",
-            begin,
-            end,
-            f"{words}; {usual} (probability of a fault {percent(sure)})",
-            f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting.",
-            words if fault else "",
-            cause if fault else None,
-            undecided=not fault and sure > 1.0 - priors.ACCUSED,
-        )
+            kind.name, "imu", begin, sensor=one.sensor, axis="xyz"[i], size=abs(float(one.value[i])),
+            sigma=float(one.sigma[i]), unit=kind.unit, probability=sure, side_probability=sure, imu=one.imu,
+        )  # fmt: skip
+        yield Finding(kind.name, "imu", "error", begin, end, evidence, advice, words, cause)

@@ -12,9 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation
-from companion.analysis.finding import Finding, IntArray, runs
+from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
-from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
+from companion.analysis.reference import (
+    BoolArray,
+    IntArray,
+    Limits,
+    Reference,
+    attitude_error,
+    length,
+    reference_at,
+    wrapped,
+)
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -26,15 +35,7 @@ from companion.estimation import (
     corrected,
     hypothesis_of,
 )
-from companion.model import (
-    Array,
-    EstimatorReset,
-    Flight,
-    ImuTrack,
-    NoEstimateError,
-    interpolated,
-    weighted_median,
-)
+from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated, weighted_median
 from companion.strapdown import preintegrate, quaternion
 
 
@@ -76,12 +77,8 @@ def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     used = full[-len(newest) :]
     middle = np.median(newest, axis=0)
     scatter = 1.4826 * np.median(np.abs(newest - middle), axis=0)
-    return AutopilotBias(
-        gyro=middle,
-        sigma=np.hypot(scatter, 0.5 * track.gyro_step),
-        start_s=float(t[0] + used[0] * num.AVERAGED_S),
-        end_s=float(min(t[0] + (used[-1] + 1) * num.AVERAGED_S, t[-1])),
-    )
+    begin, end = (float(min(t[0] + i * num.AVERAGED_S, t[-1])) for i in (used[0], used[-1] + 1))
+    return AutopilotBias(middle, np.hypot(scatter, 0.5 * track.gyro_step), begin, end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,17 +134,9 @@ def autopilot_error(
 
 def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> AutopilotError:
     worst = int(np.argmax(size))
-    return AutopilotError(
-        quantity=name,
-        unit=unit,
-        samples=len(size),
-        median=float(np.median(size)),
-        p95=float(np.percentile(size, 95.0)),
-        worst=float(size[worst]),
-        worst_s=float(t[worst]),
-        sigma=float(sigma[worst]),
-        typical_sigma=float(np.median(sigma)),
-    )
+    median, p95 = float(np.median(size)), float(np.percentile(size, 95.0))
+    at_worst = float(size[worst]), float(t[worst]), float(sigma[worst])
+    return AutopilotError(name, unit, len(size), median, p95, *at_worst, typical_sigma=float(np.median(sigma)))
 
 
 def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
@@ -177,15 +166,10 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
             continue  # it does not know it: it is only unsure
         name, (unit, factor, decimals) = SENSORS[sensor], BIAS_UNITS[sensor]
         reads, takes = (f"{v[axis] * factor:.{decimals}f}" for v in (ours, theirs))
-        yield Finding(
-            f"{sensor}_bias_known",
-            "data",
-            "info",
-            begin,
-            end,
-            f"{name} {'xyz'[axis]} bias {reads} {unit}; the autopilot's estimator takes {takes} off ({held.source})",
-            "No fault: the estimator knows it and removes it. A calibration at rest would spare it the work.",
-        )
+        known = f"the autopilot's estimator takes {takes} off ({held.source})"
+        evidence = f"{name} {'xyz'[axis]} bias {reads} {unit}; {known}"
+        advice = "No fault: the estimator knows it and removes it. A calibration at rest would spare it the work."
+        yield Finding(f"{sensor}_bias_known", "data", "info", begin, end, evidence, advice)
 
 
 COMPONENTS: Mapping[str, tuple[str, slice]] = {
@@ -219,7 +203,7 @@ def estimator_deviations(
     error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
     between = reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
-    tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
+    tilt = best.sigma(ATTITUDE)[:, :2].max(axis=1)
     off = {
         "tilt": (length(error[:, :2]), _together(tilt, between.attitude)),
         "heading": (heading, _together(doubt, between.attitude)),
@@ -232,8 +216,8 @@ def estimator_deviations(
         place = length(moved - at_first(moved, known, which))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
-        off["velocity"] = speed, _together(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull, between.velocity)
-        off["position"] = place, _together(_greatest(best.sigma(POSITION)[:, :2]), late * swift, between.position)
+        off["velocity"] = speed, _together(best.sigma(VELOCITY)[:, :2].max(axis=1), late * pull, between.velocity)
+        off["position"] = place, _together(best.sigma(POSITION)[:, :2].max(axis=1), late * swift, between.position)
     if len(HEIGHTS & best.residuals.keys()) > 1 and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
@@ -250,7 +234,7 @@ def estimator_deviations(
                 size, own = float(value[peak]), float(both[peak])
                 confirmed = _confirmed_by_imu(best, reference, name, value, peak)
                 begin, end = float(t[first]), float(t[last])
-                deviations.append(EstimatorDeviation(name, begin, end, size, own, confirmed, stepped))
+                deviations.append(EstimatorDeviation(name, begin, end, size, own, confirmed))
     return tuple(sorted(deviations, key=lambda d: d.start))
 
 
@@ -288,11 +272,6 @@ def _together(*sigmas: Array) -> Array:
     return length(np.column_stack(sigmas))
 
 
-def _greatest(sigma: Array) -> Array:
-    """(K,) the greatest of several components (K, n)."""
-    return np.asarray(sigma.max(axis=1))
-
-
 def _early(where: BoolArray) -> IntArray:
     """The first tenth of some keyframes (K,), where a change begins: their numbers, five or more."""
     mine = np.flatnonzero(where)
@@ -322,7 +301,7 @@ def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
     distorted = np.eye(3) + best.states.constant("soft_iron").reshape(3, 3)
     read = (matrix @ (distorted @ (matrix.swapaxes(1, 2) @ field)[..., None] + iron[:, None]))[..., 0]
     apart = np.arctan2(field[1], field[0]) - np.arctan2(read[:, 1], read[:, 0])
-    turned = np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
+    turned = wrapped(apart)
     return error - np.clip(error, np.minimum(turned, 0.0), np.maximum(turned, 0.0))
 
 
@@ -347,7 +326,7 @@ def _heading_off(
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
-        since = np.abs(np.mod(error - error[first] + np.pi, 2.0 * np.pi) - np.pi)  # half a turn off is off either way
+        since = np.abs(wrapped(error - error[first]))  # half a turn off is off either way
         less = since / least_deviation("heading", changed) < np.abs(error) / least_deviation("heading", whole)
         use = doubted & (part == one) & (less | (changed < check.KNOWN_BETTER * whole))
         size = np.where(use, since, size)
@@ -398,7 +377,8 @@ class Sensitivity:
     not_judged: tuple[str, ...]  # what could not be judged, and why, in words
 
     def __str__(self) -> str:
-        shown = (f"{_UNITS[k][0]} above {_figure(v * _UNITS[k][2])} {_UNITS[k][1]}" for k, v in self.smallest.items())
+        named = ((*_UNITS[kind], size) for kind, size in self.smallest.items())
+        shown = (f"{name} above {_two_digits(size * factor)} {unit}" for name, unit, factor, size in named)
         return ", ".join(shown).replace(" °", "°")
 
 
@@ -438,6 +418,5 @@ def _usual(quantity: str, sigma: Array) -> float:
     return float(np.median(least_deviation(quantity, sigma)))
 
 
-def _figure(value: float) -> str:
-    """Two digits."""
+def _two_digits(value: float) -> str:
     return f"{value:.{max(0, 1 - int(np.floor(np.log10(max(value, 1e-9)))))}f}"

@@ -19,11 +19,10 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import Expected
-from companion.analysis.comparison import IntArray
-from companion.analysis.correction import NAMES
+from companion.analysis.calibrate import NAMES
 from companion.analysis.drift import DriftRow
 from companion.analysis.finding import Finding
-from companion.analysis.reference import length
+from companion.analysis.reference import IntArray, length
 from companion.constants import num
 from companion.model import Array, brief, nearest
 
@@ -49,14 +48,13 @@ def shift(a: Array, b: Array, *, paired: bool) -> Shift:
         first, second = np.triu_indices(len(change))
         differences = np.sort(0.5 * (change[first] + change[second]))  # Walsh averages
         n = len(change)
-        skip = _edge(
-            _signed_ranks(n) if n <= num.RANK_EXACT else None, len(differences), n * (n + 1) * (2 * n + 1) / 24
-        )
+        counts, variance = _signed_ranks(n) if n <= num.RANK_EXACT else None, n * (n + 1) * (2 * n + 1) / 24
     else:
         a, b = _some(a), _some(b)
         n, m = len(a), len(b)
         differences = np.sort((b[:, None] - a).ravel())
-        skip = _edge(_rank_sums(n, m) if max(n, m) <= num.RANK_EXACT else None, n * m, n * m * (n + m + 1) / 12)
+        counts, variance = _rank_sums(n, m) if max(n, m) <= num.RANK_EXACT else None, n * m * (n + m + 1) / 12
+    skip = _edge(counts, len(differences), variance)
     low, high = (differences[skip - 1], differences[-skip]) if skip else (-np.inf, np.inf)
     return Shift(float(np.median(differences)), float(low), float(high))
 
@@ -170,15 +168,14 @@ class Contrast:
 def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
     """B against A; same_flight: both are of one flight, and each window of B is held against its own of A."""
     of_b = {row.horizon_s: (row, expected) for row, expected in zip(b.drift.rows, b.expected, strict=True)}
-    rows = tuple(
-        ContrastRow(row, of_b[row.horizon_s][0], expected, of_b[row.horizon_s][1], changes)
-        for row, expected in zip(a.drift.rows, a.expected, strict=True)
-        if row.horizon_s in of_b
-        for changes in [_changes(row, of_b[row.horizon_s][0], same_flight)]
-    )
+    rows = []
+    for row, expected in zip(a.drift.rows, a.expected, strict=True):
+        if row.horizon_s in of_b:
+            other, other_expected = of_b[row.horizon_s]
+            rows.append(ContrastRow(row, other, expected, other_expected, _changes(row, other, same_flight)))
     kinds_a, kinds_b = ({(f.kind, f.side) for f in assessment.verdict.findings} for assessment in (a, b))
     return Contrast(
-        rows=rows,
+        rows=tuple(rows),
         figures=_figures(a, b),
         gone=tuple(f for f in a.verdict.findings if (f.kind, f.side) not in kinds_b),
         new=tuple(f for f in b.verdict.findings if (f.kind, f.side) not in kinds_a),
@@ -201,9 +198,8 @@ def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
             for row, chosen in ((a, of_a), (b, of_b))
         )
         moved = shift(*logs, paired=same_flight)
-        changes[quantity] = Change(
-            float(np.exp(moved.estimate)), float(np.exp(moved.low)), float(np.exp(moved.high)), same_flight
-        )
+        ratio, low, high = (float(np.exp(one)) for one in (moved.estimate, moved.low, moved.high))
+        changes[quantity] = Change(ratio, low, high, same_flight)
     return changes
 
 
@@ -220,13 +216,6 @@ def _figures(a: Assessment, b: Assessment) -> tuple[FigureChange, ...]:
     first, second = a.calibration, b.calibration
     if first is None or second is None:
         return ()
-    return tuple(
-        FigureChange(
-            name,
-            float(first.values[i]),
-            float(second.values[i]),
-            float(np.hypot(first.sigma[i], second.sigma[i])),
-        )
-        for i, name in enumerate(NAMES)
-        if first.observable[i] and second.observable[i]
-    )
+    both = np.flatnonzero(np.logical_and(first.observable, second.observable))
+    sigma = np.hypot(first.sigma, second.sigma)
+    return tuple(FigureChange(NAMES[i], float(first.values[i]), float(second.values[i]), float(sigma[i])) for i in both)

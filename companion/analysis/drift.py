@@ -4,25 +4,38 @@ For each horizon the flight is cut into windows end to end. Each window starts f
 sample (the anchor), is integrated by itself, and is held against the autopilot at its end. This is the relative pose
 error (RPE) of trajectory evaluation, with time as the step.
 
-Also here: every IMU of a flight through the same windows.
+Also here: every IMU of a flight through the same windows; and a flight that is still going on: its table, window by
+window, and whether the last seconds differ.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from companion.analysis.budget import ATTITUDE, POSITION, budget, nees, stacked
-from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
+from companion.analysis.budget import expected_over
+from companion.analysis.comparison import (
+    DEFAULT,
+    Comparison,
+    Integration,
+    Part,
+    WindowErrors,
+    Windows,
+    compare,
+    edges,
+    errors,
+    grid_origin,
+    windows,
+)
+from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
-from companion.constants import num
-from companion.estimation import chi_square
-from companion.model import Array, Flight, SettingsError, brief
+from companion.constants import check, healthy, num
+from companion.model import Array, DataError, Flight, ImuTrack, SettingsError, brief, percentile
 
 
 def _percentile(percent: float, heading: str) -> float:
@@ -101,11 +114,7 @@ class Drift:
 
 
 def drift(
-    flight: Flight,
-    *,
-    horizons: Sequence[float] = num.HORIZONS_S,
-    imu: str | None = None,
-    how: Integration = DEFAULT,
+    flight: Flight, *, horizons: Sequence[float] = num.HORIZONS_S, imu: str | None = None, how: Integration = DEFAULT
 ) -> Drift:
     """The drift of the flight's IMU against its autopilot after each horizon (s).
 
@@ -183,24 +192,124 @@ def each_imu(
     autopilot: ReferenceSpec,
 ) -> tuple[RedundantImu, ...]:
     """Every IMU of the flight with two samples or more, each by its own part's figures."""
-    return tuple(
-        _redundant(compare_imu(name), imu_spec_of(name), autopilot)
-        for name, track in flight.imus.items()
-        if len(track) > 1
+    made = []
+    for name, track in flight.imus.items():
+        if len(track) > 1:
+            comparison = compare_imu(name)
+            chosen = windows(comparison, num.JUDGED_S)
+            expected = expected_over(comparison, chosen, imu_spec_of(name), autopilot)
+            inside = {} if expected is None else {k: v for k, v in expected.inside.items() if k != "velocity"}
+            (row,), own = drift_over(comparison, [chosen]).rows, comparison.track
+            made.append(RedundantImu(own.source, own.instance, own.rate_hz, row, inside))
+    return tuple(made)
+
+
+class RunningDrift:
+    """Give `take` the flight's newest seconds now and then: at least the longest horizon and what has come since.
+
+    The windows stand where those of the whole flight stand and are judged by the same functions, so that in the end the
+    table is that of `drift` over the whole.
+    """
+
+    def __init__(self, horizons: Sequence[float] = num.HORIZONS_S) -> None:
+        self._tables = [_Table(horizon) for horizon in horizons]
+        self._part: Part | None = None
+        self._begin = np.nan  # s, boot clock, the first known attitude
+
+    @property
+    def rows(self) -> tuple[DriftRow, ...]:
+        """The table so far."""
+        return tuple(
+            table.row(has_position=self._part is not None and self._part.has_position) for table in self._tables
+        )
+
+    def take(
+        self, flight: Flight, *, imu: str | None = None, how: Integration = DEFAULT, settled_s: float = np.inf
+    ) -> None:
+        """Judge the windows that have become complete. settled_s: s, boot clock; what is later may still change.
+
+        A flight whose position is known only now begins anew, because it is judged where it has one.
+        """
+        try:
+            comparison = compare(flight, imu=imu, how=how)
+        except DataError:
+            return  # not yet, or not any more
+        origin = grid_origin(comparison)
+        if origin is None:
+            return
+        begin = float(comparison.reference.t[np.argmax(comparison.reference.attitude_known)])
+        self._begin = float(np.fmin(self._begin, begin))
+        if self._part is None or (comparison.has_position and not self._part.has_position):
+            self._part = Part(origin, comparison.has_position)
+            for i, horizon in enumerate(table.horizon for table in self._tables):
+                earlier = int((origin - self._begin) / horizon) - int((origin - begin) / horizon)
+                self._tables[i] = _Table(horizon, {"no_position": earlier} if earlier else None)
+        for table in self._tables:
+            table.take(comparison, replace(self._part, before_s=settled_s))
+
+
+class _Table:
+    """The windows of one horizon: anchor, end, and the errors in attitude, velocity and position."""
+
+    def __init__(self, horizon: float, excluded: Mapping[str, int] | None = None) -> None:
+        self.horizon = horizon
+        self._excluded: Counter[str] = Counter(excluded)
+        self._errors = np.zeros((0, 11))
+        self._next: int | None = None  # edge of the grid
+        self._row: DriftRow | None = None  # as it was made last; a page asks for it more often than it changes
+
+    def take(self, comparison: Comparison, part: Part) -> None:
+        part = replace(part, first=self._next)
+        numbers = edges(comparison, self.horizon, part)
+        if len(numbers) < 2:
+            return
+        self._next, self._row = int(numbers[-1]), None
+        chosen = windows(comparison, self.horizon, part)
+        self._excluded.update(chosen.excluded)
+        e = errors(comparison, chosen)
+        new = np.column_stack([e.anchor_s, e.end_s, e.attitude, e.velocity, e.position])
+        self._errors = np.concatenate([self._errors, new])[-check.MAX_LIVE_WINDOWS :]
+
+    def row(self, *, has_position: bool) -> DriftRow:
+        """The statistics so far; whether the flight has a position changes with a new table alone."""
+        if self._row is None:
+            e: Array = self._errors
+            window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
+            self._row = drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
+        return self._row
+
+
+def newest_stands_out(comparison: Comparison) -> bool:
+    """Whether the autopilot's estimate has just stepped, IMU and autopilot part faster than before, or an axis stands.
+
+    It says that something may have begun, not what.
+    """
+    since = float(comparison.track.t[-1]) - check.LIVE_NEWEST_S
+    if any(len(steps) and steps[-1, 1] > since for steps in (comparison.attitude_steps, comparison.position_steps)):
+        return True
+    if _stands(comparison.track):
+        return True
+    chosen = windows(comparison, num.AVERAGED_S)
+    window_errors = errors(comparison, chosen)
+    new = window_errors.end_s > since
+    if not new.any() or (~new).sum() < check.LIVE_MIN:
+        return False
+    parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
+    return any(
+        float(size[new].max()) > check.LIVE_TIMES * percentile(size[~new], check.LIVE_USUAL)
+        for size in map(length, parted)
     )
 
 
-def _redundant(comparison: Comparison, imu_spec: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
-    chosen = windows(comparison, num.JUDGED_S)
-    inside: dict[str, float] = {}
-    if len(chosen.start):
-        total = budget(comparison, chosen, imu_spec, autopilot).total
-        error = stacked(comparison, chosen)
-        blocks = {"attitude": ATTITUDE, "position": POSITION} if comparison.has_position else {"attitude": ATTITUDE}
-        inside = {
-            name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square(3, num.Z_95)))
-            for name, b in blocks.items()
-        }
-    row = drift_of(comparison, (num.JUDGED_S,)).rows[0]
-    track = comparison.track
-    return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)
+def _stands(track: ImuTrack) -> bool:
+    """Whether an axis has read the same for just so long that it can be judged, and never before for half as long."""
+    t = track.t
+    for moved in (*(~unchanged(track.gyro)).T, *(~unchanged(track.accel)).T):
+        moves = np.flatnonzero(moved) + 1  # samples that read otherwise than the one before
+        if len(moves) < 2:
+            continue
+        lasted = float(t[-1] - t[moves[-1]])
+        just = healthy.FROZEN_S < lasted < healthy.STUCK_S + check.JUST_S
+        if just and float(np.diff(t[moves]).max()) < 0.5 * lasted:
+            return True
+    return False

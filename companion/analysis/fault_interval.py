@@ -69,7 +69,6 @@ class EstimatorDeviation:
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
     imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
-    sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property
     def probability(self) -> float:
@@ -83,19 +82,11 @@ class EstimatorDeviation:
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
         unit = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad")
-        kind = f"{self.quantity}_off"
         sure = self.probability
         return Cause(
-            kind,
-            "autopilot",
-            self.start,
-            self.end,
-            size=self.size,
-            sigma=self.sigma,
-            unit=unit,
-            probability=sure,
-            side_probability=sure,
-        )
+            f"{self.quantity}_off", "autopilot", self.start, self.end, size=self.size, sigma=self.sigma, unit=unit,
+            probability=sure, side_probability=sure,
+        )  # fmt: skip
 
     def __str__(self) -> str:
         unit, scale = DEVIATION_UNITS[self.quantity]
@@ -177,9 +168,7 @@ def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimat
 
 def axis_of(interval: FaultInterval) -> str:
     """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
-    if interval.side != "imu":
-        return ""
-    return main_axis(interval.size)
+    return main_axis(interval.size) if interval.side == "imu" else ""
 
 
 def _size(interval: FaultInterval, best: BestEstimate) -> Size:

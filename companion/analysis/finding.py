@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from companion import estimation
-from companion.analysis.reference import BoolArray
+from companion.analysis.reference import BoolArray, IntArray
 from companion.constants import check
 from companion.model import Array
 
-IntArray = npt.NDArray[np.intp]
+Span = tuple[float, float]
+"""From when to when, s, boot clock."""
 
 Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
@@ -122,11 +122,6 @@ def are_near(findings: Iterable[Finding], t: float) -> bool:
     return any(one.start_s - check.NEAR_S <= t <= one.end_s + check.NEAR_S for one in findings)
 
 
-def digits(value: Array, decimals: int) -> str:
-    """The components of a vector in words."""
-    return ", ".join(f"{v:z.{decimals}f}" for v in value)
-
-
 def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """First and last index of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
@@ -136,3 +131,15 @@ def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:
 def runs(flags: BoolArray) -> Iterator[tuple[int, int]]:
     """The same, run by run."""
     yield from zip(*(edge.tolist() for edge in run_edges(flags)), strict=True)
+
+
+def standing_still(same: BoolArray, t: Array, least_s: float) -> list[tuple[int, int]]:
+    """First and last of the samples at t (N,) that do not change for longer than so many s; same: (N-1,) neighbours."""
+    first, last = run_edges(same)
+    long = t[last + 1] - t[first] > least_s
+    return list(zip(first[long].tolist(), (last[long] + 1).tolist(), strict=True))
+
+
+def grouped(t: Array, at: IntArray, apart_s: float = check.GROUPED_S) -> list[IntArray]:
+    """Indices of times t (N,), those that are close together as one group."""
+    return np.split(at, np.flatnonzero(np.diff(t[at]) > apart_s) + 1) if len(at) else []

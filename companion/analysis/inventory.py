@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, Flight, FlowTrack, GpsTrack, ImuTrack, RangeTrack, longest_step
+from companion.model import STANDARD_GRAVITY, Flight, FlowTrack, GpsTrack, ImuTrack, RangeTrack, longest_step
 
 _SERIES = {
     "vibration": "vibration", "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations",
@@ -39,6 +40,18 @@ def inventory(flight: Flight) -> tuple[Item, ...]:
     return tuple(_items(flight))
 
 
+def _items(flight: Flight) -> Iterator[Item]:
+    for attribute, kind, about in _TRACKS:
+        held = getattr(flight, attribute)
+        tracks = held.values() if isinstance(held, Mapping) else held if isinstance(held, Sequence) else (held,)
+        yield from (_item(kind, one, about(one)) for one in tracks if one is not None)
+    for key in flight.series:
+        if (name := _SERIES.get(key.partition(":")[0])) is not None:
+            yield _item(name, flight.series[key])
+    if flight.truth is not None:
+        yield _item("truth", flight.truth, "a simulator's: never an input")
+
+
 def used_imus(flight: Flight) -> str:
     """Which IMU the estimator used when, in words; "" where the log does not tell."""
     used = flight.imu_in_use
@@ -56,48 +69,8 @@ def used_aiding(flight: Flight) -> str:
     )
 
 
-def _sensors(flight: Flight) -> Iterator[Item]:
-    for imu in flight.imus.values():
-        yield _item("IMU", imu.source, imu.t, _about_imu(imu))
-    for gps in flight.gps:
-        yield _item("GPS", gps.source, gps.t, _about_gps(gps))
-    for compass in flight.compasses:
-        yield _item("compass", compass.source, compass.t, "" if compass.calibrated else "not calibrated")
-    for barometer in flight.barometers:
-        yield _item("barometer", barometer.source, barometer.t)
-    for airspeed in flight.airspeeds:
-        measured = np.isfinite(airspeed.airspeed).any()
-        yield _item("airspeed", airspeed.source, airspeed.t, "" if measured else "differential pressure alone")
-    for finder in flight.ranges:
-        yield _item("range finder", finder.source, finder.t, _about_range(finder))
-    for flow in flight.flows:
-        yield _item("optical flow", flow.source, flow.t, _about_flow(flow))
-
-
-def _items(flight: Flight) -> Iterator[Item]:
-    yield from _sensors(flight)
-    if flight.attitude is not None:
-        yield _item("attitude", flight.attitude.source, flight.attitude.t)
-    if flight.position is not None:
-        yield _item("position", flight.position.source, flight.position.t)
-    for bias in flight.biases:
-        of = "" if bias.imu_instance is None else f"of IMU {bias.imu_instance}"
-        yield _item("IMU bias", bias.source, bias.t, of)
-    if flight.control is not None:
-        yield _item("desired attitude", flight.control.source, flight.control.t)
-    if flight.actuators is not None:
-        outputs = int(np.isfinite(flight.actuators.output).any(axis=0).sum())
-        yield _item("motors and servos", flight.actuators.source, flight.actuators.t, f"{outputs} outputs")
-    for key in flight.series:
-        if (name := _SERIES.get(key.partition(":")[0])) is not None:
-            series = flight.series[key]
-            yield _item(name, series.source, series.t)
-    if flight.truth is not None:
-        yield _item("truth", flight.truth.source, flight.truth.t, "a simulator's: never an input")
-
-
-def _item(kind: str, source: str, t: Array, about: str = "") -> Item:
-    steps = np.diff(t)
+def _item(kind: str, track: Any, about: str = "") -> Item:
+    source, t, steps = track.source, track.t, np.diff(track.t)
     if not len(steps):
         return Item(kind, source, len(t), None, 0, None, about)
     rate, gaps = len(steps) / float(t[-1] - t[0]), int((steps > longest_step(t)).sum())
@@ -123,11 +96,9 @@ def _about_imu(imu: ImuTrack) -> str:
 
 def _about_range(finder: RangeTrack) -> str:
     unread = int(np.isnan(finder.distance).sum())
-    known = (
-        [_ORIENTATIONS.get(finder.orientation, f"orientation {finder.orientation}")]
-        if finder.orientation is not None
-        else []
-    )
+    known = []
+    if finder.orientation is not None:
+        known.append(_ORIENTATIONS.get(finder.orientation, f"orientation {finder.orientation}"))
     if finder.least is not None and finder.most is not None:
         known.append(f"{finder.least:g} to {finder.most:g} m")
     return ", ".join([*known, *([f"{unread} without a reading"] if unread else [])])
@@ -141,10 +112,26 @@ def _about_flow(flow: FlowTrack) -> str:
 def _about_gps(gps: GpsTrack) -> str:
     fixed = np.isfinite(gps.latitude)
     known = [f"{int((~fixed).sum())} without a fix"] if not fixed.all() else []
-    for sigma, what in ((gps.horizontal_sigma, "horizontal"), (gps.speed_sigma, "speed")):
+    for sigma, what, unit in ((gps.horizontal_sigma, "horizontal", "m"), (gps.speed_sigma, "speed", "m/s")):
         if np.isfinite(sigma).any():
-            unit = "m" if what == "horizontal" else "m/s"
             known.append(f"{what} 1σ {float(np.nanmedian(sigma)):.2g} {unit}")
     if not np.isfinite(gps.velocity[:, 2]).any():
         known.append("no vertical speed")
     return ", ".join(known)
+
+
+_TRACKS: Sequence[tuple[str, str, Callable[[Any], str]]] = (
+    ("imus", "IMU", _about_imu),
+    ("gps", "GPS", _about_gps),
+    ("compasses", "compass", lambda one: "" if one.calibrated else "not calibrated"),
+    ("barometers", "barometer", lambda _: ""),
+    ("airspeeds", "airspeed", lambda one: "" if np.isfinite(one.airspeed).any() else "differential pressure alone"),
+    ("ranges", "range finder", _about_range),
+    ("flows", "optical flow", _about_flow),
+    ("attitude", "attitude", lambda _: ""),
+    ("position", "position", lambda _: ""),
+    ("biases", "IMU bias", lambda one: "" if one.imu_instance is None else f"of IMU {one.imu_instance}"),
+    ("control", "desired attitude", lambda _: ""),
+    ("actuators", "motors and servos", lambda one: f"{np.isfinite(one.output).any(axis=0).sum()} outputs"),
+)
+"""What a flight has, sensors first: its attribute, what it is called here, and what else is known of it."""

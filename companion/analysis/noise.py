@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.alignment import Rest, armed, rests
+from companion.analysis.alignment import Rest, rests
 from companion.analysis.imu_spec import ImuSpec, SensorSpec
-from companion.analysis.reference import BoolArray, Limits
+from companion.analysis.reference import Limits
 from companion.constants import check, healthy
 from companion.estimation import (
     AllanDeviation,
@@ -29,7 +29,7 @@ from companion.estimation import (
     stretches,
     white_noise,
 )
-from companion.model import Array, DataError, Flight, ImuTrack
+from companion.model import Array, DataError, Flight, ImuTrack, rows
 
 _SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
 _AXES = "xyz"
@@ -103,10 +103,8 @@ def imu_noise(flight: Flight, imu: str, imu_spec: ImuSpec, limits: Limits) -> Im
     still = rests(flight, track, imu_spec)
     chosen = _chosen(still)
     sampling = _sampling(track, chosen, gap)
-    resting = tuple(
-        noise_at_rest for rest in chosen if (noise_at_rest := _rest_noise(_part(track, rest), sampling, gap))
-    )
-    flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, gap)
+    resting = tuple(made for rest in chosen if (made := _rest_noise(rest.of(track), sampling, gap)))
+    flying = _flight_noise(_flown(flight, track, still), sampling, gap)
     if not resting and flying is None:
         raise DataError(
             f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of "
@@ -128,7 +126,7 @@ class FlightDensity:
 def noise_in_flight(flight: Flight, track: ImuTrack, imu_spec: ImuSpec, limits: Limits) -> FlightDensity:
     """What `imu_noise` says of the flight, without what takes long there. None where the steps hide every axis."""
     still, gap = rests(flight, track, imu_spec), limits.longest_step(track.t)
-    sampling, flown = _sampling(track, _chosen(still), gap), _only(track, _flown(flight, track, still))
+    sampling, flown = _sampling(track, _chosen(still), gap), _flown(flight, track, still)
 
     def worst(white: WhiteNoise | None) -> float | None:
         seen = white.sampled[~white.hidden] if white is not None else np.zeros(0)
@@ -140,7 +138,7 @@ def noise_in_flight(flight: Flight, track: ImuTrack, imu_spec: ImuSpec, limits: 
 def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> Sampling:
     """How the readings were taken, confirmed by the longest rest where there is one."""
     longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
-    return confirmed_sampling(_part(track, longest), gap) if longest else sampling_of(track)
+    return confirmed_sampling(longest.of(track), gap) if longest else sampling_of(track)
 
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
@@ -151,22 +149,13 @@ def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
     return [longest]
 
 
-def _part(track: ImuTrack, rest: Rest) -> ImuTrack:
-    return track[rest.first : rest.last + 1]
-
-
-def _only(track: ImuTrack, mask: BoolArray) -> ImuTrack:
-    """The samples of a mask: what is cut out is a gap."""
-    interval = None if track.interval is None else track.interval[mask]
-    return replace(track, t=track.t[mask], gyro=track.gyro[mask], accel=track.accel[mask], interval=interval)
-
-
-def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> BoolArray:
+def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> ImuTrack:
+    """The samples in flight: what is cut out is a gap."""
     mask = np.ones(len(track), np.bool_)
     for rest in still:
         mask[rest.first : rest.last + 1] = False
-    flying, _ = armed(flight, track.t, track.t)
-    return mask & flying if flying.any() else mask
+    flying = flight.armed(track.t, track.t)
+    return rows(track, mask & flying if flying is not None and flying.any() else mask)
 
 
 def _rest_noise(track: ImuTrack, sampling: Sampling, gap: float) -> RestNoise | None:
@@ -179,14 +168,9 @@ def _rest_noise(track: ImuTrack, sampling: Sampling, gap: float) -> RestNoise | 
     gyro, accel = allan_deviation(part.gyro, rate), allan_deviation(part.accel, rate)
     if gyro is None or accel is None:
         return None
-    return RestNoise(
-        float(part.t[0]),
-        float(part.t[-1]),
-        gyro,
-        accel,
-        tuple(_axis(part.gyro[:, i], gyro, i, part.gyro_step, rate, sampling) for i in range(3)),
-        tuple(_axis(part.accel[:, i], accel, i, part.accel_step, rate, sampling) for i in range(3)),
-    )
+    gyro_axes = tuple(_axis(part.gyro[:, i], gyro, i, part.gyro_step, rate, sampling) for i in range(3))
+    accel_axes = tuple(_axis(part.accel[:, i], accel, i, part.accel_step, rate, sampling) for i in range(3))
+    return RestNoise(float(part.t[0]), float(part.t[-1]), gyro, accel, gyro_axes, accel_axes)
 
 
 def _axis(

@@ -14,9 +14,9 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over
-from companion.analysis.comparison import Comparison, IntArray, Windows, windows
+from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import attitude_error, length
+from companion.analysis.reference import IntArray, attitude_error, length
 from companion.analysis.replay import Replay
 from companion.constants import num
 from companion.model import Array, DataError, SettingsError, nearest
@@ -88,14 +88,8 @@ def _pose_error(shown: Replay, position: Array, angle: Array) -> PoseError:
 
 
 def _spread(values: Array) -> Spread:
-    return Spread(
-        rmse=float(np.sqrt(np.mean(values**2))),
-        mean=float(values.mean()),
-        median=float(np.median(values)),
-        std=float(values.std()),
-        min=float(values.min()),
-        max=float(values.max()),
-    )
+    rmse, middle = np.sqrt(np.mean(values**2)), (values.mean(), np.median(values))
+    return Spread(*map(float, (rmse, *middle, values.std(), values.min(), values.max())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

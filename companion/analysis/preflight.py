@@ -13,12 +13,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.finding import run_edges
+from companion.analysis.alignment import power_at_rest
+from companion.analysis.finding import runs
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.phases import phases
-from companion.analysis.preflight_aiding import barometer_checks, compass_checks, gps_checks
-from companion.analysis.preflight_check import Check, Measured, Outcome, Standing, judged
+from companion.analysis.phases import in_the_air
+from companion.analysis.preflight_aiding import (
+    Check,
+    Measured,
+    Outcome,
+    Standing,
+    barometer_checks,
+    compass_checks,
+    gps_checks,
+    judged,
+)
 from companion.analysis.reference import length
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, median, percentile
@@ -65,23 +74,20 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
         for name, there in (("compass", flight.compasses), ("barometer", flight.barometers), ("GPS", flight.gps))
         if not there
     ]
-    refusals = [one for one in flight.texts if standing.start <= one.t <= standing.end and _refuses(one.text)]
+    against = ("prearm", "arm:", "preflight fail")
+    said = [one for one in flight.texts if standing.start <= one.t <= standing.end]
+    refusals = [one for one in said if one.text.lower().startswith(against)]
     armed = any(one.kind == "armed" and one.t > standing.start for one in flight.events)
     refuses = not armed and any(one.t > standing.end - check.PREARM_REPEATED_S for one in refusals)
     reports = tuple(dict.fromkeys(one.text for one in refusals))
     return Preflight(standing.start, standing.end, standing.motors_off, tuple(checks), reports, tuple(missing), refuses)
 
 
-def _refuses(text: str) -> bool:
-    return text.lower().startswith(("prearm", "arm:", "preflight fail"))
-
-
 def _standing(flight: Flight, tracks: Sequence[ImuTrack]) -> Standing:
     """The last minute before arming, else before take-off, in which the quietest IMU does not move."""
     if not tracks:
         raise DataError(f"no IMU in the log to check ({flight.how_to_record}).")
-    aloft = [part.start for part in phases(flight) if part.kind == "flight"]
-    takeoff = min(aloft, default=flight.start + flight.duration)
+    takeoff = min((part.start for part in in_the_air(flight)), default=flight.start + flight.duration)
     armed = min((e.t for e in flight.events if e.kind == "armed" and e.t <= takeoff), default=takeoff)
     for end, off in ((armed, True), (takeoff, False)):
         start = max(flight.start, end - check.PREFLIGHT_S)
@@ -119,12 +125,9 @@ def _quiet(track: ImuTrack, start: float, end: float) -> tuple[float, float]:
         spread = np.sqrt(np.maximum(squares / np.maximum(count, 1.0)[:, None] - mean**2, 0.0)).max(axis=1)
         still &= spread < most
         still[1:] &= np.abs(np.diff(mean, axis=0)).max(axis=1) < change
-    first, last = run_edges(np.asarray(still))
-    if not len(first):
-        return start, start
-    longest = int(np.argmax(last - first))
-    begin = start + float(first[longest]) * check.REST_BLOCK_S
-    return begin, min(start + float(last[longest] + 1) * check.REST_BLOCK_S, end)
+    first, last = max(runs(np.asarray(still)), key=lambda run: run[1] - run[0], default=(0, -1))
+    begin = start + float(first) * check.REST_BLOCK_S
+    return begin, min(start + float(last + 1) * check.REST_BLOCK_S, end)
 
 
 def _means(track: ImuTrack, standing: Standing) -> Measured | None:
@@ -216,13 +219,12 @@ def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iter
             note = f"{'it' if same.all() else axes} reads the same"
             yield Check(f"{sensor}_frozen", track.source, 0.0, 0.0, 0.0, "", "no_go", 1.0, note=note)
             continue
-        noise = _density(own.t, readings, step) if track.rate_hz >= num.NOISE_RATE_HZ else None
-        sheet = getattr(spec, sensor).noise_density
-        if noise is not None:
-            sigma = noise / math.sqrt(2.0 * len(readings))
-            limit = healthy.NOISE_OVER_DATA_SHEET * sheet
+        rate = (len(own.t) - 1) / (own.t[-1] - own.t[0])
+        power = power_at_rest(readings, step, rate, num.REST_READ_MIN_SAMPLES)
+        if power is not None and track.rate_hz >= num.NOISE_RATE_HZ:
+            noise, limit = math.sqrt(power), healthy.NOISE_OVER_DATA_SHEET * getattr(spec, sensor).noise_density
             unit = "rad/s/√Hz" if sensor == "gyro" else "m/s²/√Hz"
-            yield judged(f"{sensor}_noise", track.source, noise, sigma, limit, unit)
+            yield judged(f"{sensor}_noise", track.source, noise, noise / math.sqrt(2.0 * len(readings)), limit, unit)
 
 
 def _believed(flight: Flight, track: ImuTrack, own: Measured) -> Array:
@@ -249,19 +251,6 @@ def _slope(t: Array, readings: Array) -> tuple[float, float]:
     sigma = np.sqrt((left**2).sum(axis=0) / max(len(at) - 2, 1) / (at**2).sum())
     axis = int(np.argmax(np.abs(slope)))
     return abs(float(slope[axis])), float(sigma[axis])
-
-
-def _density(t: Array, readings: Array, step: float) -> float | None:
-    """White noise of readings (N, 3) per √Hz, the worst axis, by means of a quarter second; None: the steps hide it."""
-    if step and float(readings.std(axis=0).max()) < check.HIDING_STEPS * step:
-        return None
-    rate = (len(t) - 1) / (t[-1] - t[0])
-    size = max(1, round(check.REST_CLUSTER_S * rate))
-    count = len(readings) // size
-    if count < num.REST_READ_MIN_SAMPLES:
-        return None
-    means = readings[: count * size].reshape(count, size, 3).mean(axis=1)
-    return float(np.sqrt((0.5 * np.diff(means, axis=0) ** 2).mean(axis=0).max() * size / rate))
 
 
 def _accelerometer(flight: Flight, track: ImuTrack, own: Measured) -> Iterator[Check]:

@@ -1,19 +1,87 @@
-"""The preflight checks of compass, barometer and GPS while the vehicle stands."""
+"""The preflight checks of compass, barometer and GPS while the vehicle stands; and what one check is.
+
+A check is one line: a size with its σ against a limit.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
+from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from companion.analysis.preflight_check import Check, Measured, Standing, judged
-from companion.analysis.reference import BoolArray, IntArray, length
-from companion.constants import check, harm, healthy, num
+from companion.analysis.reference import BoolArray, IntArray, length, wrapped
+from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import field_at
 from companion.model import Array, BarometerTrack, CompassTrack, Flight, GpsTrack
 from companion.strapdown import quaternion
+
+Outcome = Literal["go", "no_go", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A size against its limit, SI."""
+
+    name: str  # "gyro_bias", "compass_field", ...
+    sensor: str  # the message or record
+    size: float
+    sigma: float
+    limit: float
+    unit: str  # "rad/s", "m/s²", "rad", "T", "m", ...; "" for none
+    outcome: Outcome
+    probability: float  # that the size is beyond the limit
+    autopilot: str = ""  # the autopilot's own pre-arm check that it anticipates
+    autopilot_limit: float | None = None
+    note: str = ""
+    uncorrected: float | None = None  # the size before what the estimator takes off; None: it takes nothing off
+
+    @property
+    def own(self) -> float:
+        """The size that is the sensor's own, whatever is known of it: what ages."""
+        return self.size if self.uncorrected is None else self.uncorrected
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The stretch in which the vehicle stands."""
+
+    start: float  # s, boot clock
+    end: float
+    motors_off: bool
+
+    def covers(self, t: Array) -> npt.NDArray[np.bool_]:
+        """(N,) which times lie in it."""
+        return np.asarray((t >= self.start) & (t <= self.end))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """An IMU's readings while the vehicle stands, and their means (3,) with 1σ."""
+
+    t: Array  # (N,) s
+    gyro: Array  # (N, 3) rad/s
+    accel: Array  # (N, 3) m/s²
+    gyro_mean: Array
+    gyro_sigma: Array
+    accel_mean: Array
+    accel_sigma: Array
+
+
+def judged(name: str, sensor: str, size: float, sigma: float, limit: float, unit: str) -> Check:
+    """No-go where a size is beyond its limit with 95 %, go where it is within with as much."""
+    z = (size - limit) / max(sigma, 1e-300)
+    p = NormalDist().cdf(z)
+    outcome: Outcome = "unknown"
+    if p >= priors.ACCUSED:
+        outcome = "no_go"
+    elif p <= 1.0 - priors.ACCUSED:
+        outcome = "go"
+    return Check(name, sensor, size, sigma, limit, unit, outcome, p)
 
 
 def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> Iterator[Check]:
@@ -78,21 +146,17 @@ def _headings(
         return
     q = attitude.q_ned_frd[near][-1]
     ned = quaternion.rotate(np.broadcast_to(q, (len(fields), 4)), np.array([field for _, field in fields]))
-    turns = _wrapped(np.arctan2(ned[:, 1], ned[:, 0]) - np.arctan2(earth[1], earth[0]))
+    turns = wrapped(np.arctan2(ned[:, 1], ned[:, 0]) - np.arctan2(earth[1], earth[0]))
     limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(float(length(earth[:2])), 1e-9), 1.0)))
     limit = min(limit, harm.COMPASS_HEADING_RAD)
-    alike = np.abs(_wrapped(turns[:, None] - turns)) < limit
+    alike = np.abs(wrapped(turns[:, None] - turns)) < limit
     most = int(np.argmax(alike.sum(axis=1)))
     sources = [one.source for one, _ in fields]
     if len(fields) > 2 and 2 * alike[most].sum() > len(fields) and abs(turns[most]) > limit:
-        sources, turns = [*sources, attitude.source], _wrapped(np.append(turns, 0.0) - turns[most])
+        sources, turns = [*sources, attitude.source], wrapped(np.append(turns, 0.0) - turns[most])
     for source, turn in zip(sources, np.abs(turns).tolist(), strict=True):
         made = judged("compass_heading", source, turn, healthy.MAGNETIC_HEADING_RAD, limit, "rad")
         yield replace(made, autopilot="heading inconsistent" if not _px4(flight) else "COM_ARM_EKF_YAW")
-
-
-def _wrapped(angle: Array) -> Array:
-    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def _between(a: Array, b: Array) -> float:

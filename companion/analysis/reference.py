@@ -34,6 +34,11 @@ def length(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
+def wrapped(angle: Array) -> Array:
+    """The same angles, rad, in -π..π."""
+    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
+
+
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
 
@@ -91,13 +96,9 @@ class Reference:
     t: Array  # (N,) s
     attitude_known: BoolArray  # (N,)
     position_known: BoolArray  # (N,) position and velocity
-    look_up: Callable[[IntArray], States]  # the states at some of the times, by their index
+    at: Callable[[IntArray], States]  # the states at some of the times, by their index
     interpolation_error: Callable[[IntArray, Preintegration], InterpolationError]
     """Of the states at some of the times, by their index, beside the motion that an IMU felt meanwhile."""
-
-    def at(self, index: IntArray) -> States:
-        """The states at some of the times."""
-        return self.look_up(index)
 
     @property
     def q_ned_frd(self) -> Array:
@@ -116,7 +117,7 @@ class Reference:
 
     @cached_property
     def _all(self) -> States:
-        return self.look_up(np.arange(len(self.t)))
+        return self.at(np.arange(len(self.t)))
 
 
 def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, limits: Limits) -> Reference:
@@ -127,19 +128,13 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """
     if not len(attitude):
         raise DataError("an attitude track needs a sample")
-    if position is not None and not len(position):
-        position = None
+    position = position if position is not None and len(position) else None
     attitude_known = known_at(attitude.t, t, limits.longest_step(attitude.t))
     position_known = np.zeros(len(t), np.bool_)
     if position is not None:
         position_known = attitude_known & known_at(position.t, t, limits.longest_step(position.t))
-    return Reference(
-        t,
-        attitude_known,
-        position_known,
-        partial(_states, attitude, position, t),
-        partial(_interpolation_error, attitude, position, t),
-    )
+    states, error = partial(_states, attitude, position, t), partial(_interpolation_error, attitude, position, t)
+    return Reference(t, attitude_known, position_known, states, error)
 
 
 def _states(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, index: IntArray) -> States:
@@ -204,14 +199,14 @@ def _between_samples(samples: Array, path: Preintegration, when: Array) -> tuple
     k = np.clip(nearest(path.t, when), a, b)
     h = path.t[b] - path.t[a]
     u = ((path.t[k] - path.t[a]) / np.where(h > 0, h, 1.0))[:, None]
-    turned = length(_turn(quaternion.slerp(path.q[a], path.q[b], u[:, 0]), path.q[k]))
+    turned = length(turn_between(quaternion.slerp(path.q[a], path.q[b], u[:, 0]), path.q[k]))
     speed = length(path.v[k] - path.v[a] - u * (path.v[b] - path.v[a]))
     line = path.p[b] - path.p[a]
     bend = _bend(line, h[:, None] * path.v[a], h[:, None] * path.v[b], u)
     return turned, speed, length(path.p[k] - path.p[a] - u * line - bend)
 
 
-def _turn(q: Array, later: Array) -> Array:
+def turn_between(q: Array, later: Array) -> Array:
     """(N, 3) rotation vector from one attitude (N, 4) to another, in the body."""
     return quaternion.log(quaternion.multiply(quaternion.conjugate(q), later))
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.alignment import Alignment
-from companion.analysis.comparison import IntArray
-from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.reference import BoolArray, Reference, attitude_error, reference_at
+from companion.analysis.comparison import DEFAULT, Integration
+from companion.analysis.reference import BoolArray, IntArray, Reference, attitude_error, reference_at
 from companion.constants import num
 from companion.model import (
     Array,
@@ -27,7 +26,7 @@ from companion.model import (
     check_seconds,
     nearest,
 )
-from companion.strapdown import SAME_TIME, DeadReckoner, Preintegration, preintegrate, quaternion
+from companion.strapdown import SAME_TIME, DeadReckoner, Preintegration, quaternion, sample_at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +145,7 @@ def _reckoned(
     """The samples `shown` of both, reckoned from the states `starts` (A, 4), (A, 3), (A, 3) at samples `anchors`."""
     t = track.t[shown]
     has_position = bool(reference.position_known.any())
-    path = preintegrate(track[shown], method=how.method, middle=how.middle, segments=how.segments)
+    path = how.preintegrate(track[shown])
     index = anchors - shown.start
     which = np.searchsorted(index, np.arange(len(t)), side="right") - 1
     states = path.carry(index[which], np.arange(len(t)), *(start[which] for start in starts), gravity=how.gravity)
@@ -177,8 +176,8 @@ def extend(
         or (has_position and not (position is not None and len(position)))
     ):
         return None
-    first = int(np.searchsorted(imu.t, before.t[-1 - num.BACK] - SAME_TIME))
-    if first < num.CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - num.BACK]) > SAME_TIME:
+    first = sample_at(imu.t, before.t[-1 - num.BACK])
+    if first is None or first < num.CONTEXT:
         return None
     reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
@@ -186,7 +185,7 @@ def extend(
     part, shown = slice(first - num.CONTEXT, last + 1), slice(first, last + 1)
     if last < first + num.BACK or np.diff(imu.t[part]).max() > how.limits.longest_step(imu.t):
         return None
-    path = preintegrate(imu[part], method=how.method, middle=how.middle, segments=how.segments)
+    path = how.preintegrate(imu[part])
     state = (a[-1 - num.BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
     states = path.carry(num.CONTEXT, np.arange(num.CONTEXT, len(path.t)), *state, gravity=how.gravity)
     newest = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
@@ -253,8 +252,7 @@ class FreeRun:
 
     def anchor_now(self) -> None:
         """Begin another run with the next `take`."""
-        self._settled = self._anchor_s = self._begun = None
-        self.ended = ""
+        self._end("")
 
     def take(self, track: ImuTrack, replay: Replay, how: Integration = DEFAULT) -> FreeState | None:
         """Carry the run on over the samples of `track` (the IMU of `replay`, whatever part of it) to the replay's end.
@@ -266,8 +264,8 @@ class FreeRun:
         self._has_position = replay.has_position
         end = int(np.searchsorted(track.t, replay.t[-1] + SAME_TIME))
         settled = self._settled or self._begin(replay)
-        at = int(np.searchsorted(track.t, settled.t - SAME_TIME))
-        if at >= end or abs(track.t[at] - settled.t) > SAME_TIME:
+        at = sample_at(track.t, settled.t)
+        if at is None or at >= end:
             self._end("its samples are forgotten")
             return None
         steps = np.diff(track.t[at:end])
@@ -294,24 +292,19 @@ class FreeRun:
         if self._begun is None or not len(self._begun):
             return None
         begun, path = self._begun, continued.path
-        at = int(np.searchsorted(begun.t, path.t[num.CONTEXT] - SAME_TIME))
-        if at >= len(begun) or abs(begun.t[at] - path.t[num.CONTEXT]) > SAME_TIME:
+        at = sample_at(begun.t, path.t[num.CONTEXT])
+        if at is None:
             return None
         state = (a[at] for a in (begun.q_ned_frd, begun.velocity, begun.position))
         q, velocity, position = path.carry(num.CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
         return self._beside(NavState(float(path.t[-1]), q, velocity, position), continued.replay)
 
     def _beside(self, now: NavState, replay: Replay) -> FreeState:
-        q_error = attitude_error(replay.q_ref[-1], now.q_ned_frd)
-        here = replay.has_position
-        zero = np.zeros(3)
-        return FreeState(
-            anchor_s=self._anchor_s or 0.0,
-            state=now,
-            attitude_error=q_error,
-            velocity_error=replay.velocity_ref[-1] - now.velocity if here else zero,
-            position_error=replay.position_ref[-1] - now.position if here else zero,
-        )
+        velocity, position = np.zeros((2, 3))
+        if replay.has_position:
+            velocity, position = replay.velocity_ref[-1] - now.velocity, replay.position_ref[-1] - now.position
+        turned = attitude_error(replay.q_ref[-1], now.q_ned_frd)
+        return FreeState(self._anchor_s or 0.0, now, turned, velocity, position)
 
     def _begin(self, replay: Replay) -> NavState:
         """The autopilot's state at the last anchor of the replay."""

@@ -175,7 +175,9 @@ def carried_on(
             kept.append(_weighed(fault, flight, best, end, judged=judged))
     while new:
         first, new = new[0], [f for f in new[1:] if not _same(new[0], f)]
-        if not (any(one.over_s is None for one in kept) and _is_consequence(first)):
+        cause = stated_cause(first)
+        of_estimate_alone = cause.side == "autopilot" and not cause.sensor  # a fault that stands has misled it
+        if not (of_estimate_alone and any(one.over_s is None for one in kept)):
             kept.append(_as_seen(first, flight, best, end, None))
     judged_now = (_turned(one, end) for one in kept)
     return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
@@ -199,29 +201,20 @@ def _outage(finding: Finding) -> Finding:
     return replace(finding, side="autopilot", severity="error", undecided=False, cause=cause)
 
 
-def _is_consequence(finding: Finding) -> bool:
-    """Whether a finding is of the estimate alone: a fault that stands has misled it."""
-    cause = finding.cause
-    return cause is not None and cause.side == "autopilot" and not cause.sensor
-
-
 def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Verdict:
     """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
     up = [fault for fault in standing if fault.over_s is None]
     if not up:
-        suspect = verdict.status in _SUSPECT.values()
-        if not suspect:
+        if verdict.status not in _SUSPECT.values():
             return verdict
         over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
-    first = up[0]
-    side = first.cause.side
+    first, side = up[0], up[0].cause.side
     headline = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
     more = f", and {len(up) - 1} more" if len(up) > 1 else ""
-    return replace(
-        verdict, status=_SUSPECT[side], summary=f"Suspect {_WHOM[side]}: {headline}{sure}{more}.", cause=first.cause
-    )
+    summary = f"Suspect {_WHOM[side]}: {headline}{sure}{more}."
+    return replace(verdict, status=_SUSPECT[side], summary=summary, cause=first.cause)
 
 
 def _same(one: Finding, other: Finding) -> bool:
@@ -232,10 +225,10 @@ def _same(one: Finding, other: Finding) -> bool:
     a, b = one.cause, other.cause
     if a is None or b is None or a.side != b.side:
         return False
+    same = a.kind == b.kind
     if a.sensor and b.sensor:
-        same_sensor = a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu)
-        return same_sensor or _together(one, other)
-    return a.kind == b.kind or _together(one, other)
+        same = a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu)
+    return same or _together(one, other)
 
 
 def _together(one: Finding, other: Finding) -> bool:
@@ -247,9 +240,8 @@ def _together(one: Finding, other: Finding) -> bool:
 
 def _was_there(finding: Finding, flight: Flight) -> bool:
     """Whether a piece found a fault without its onset: it is there from the first sample on."""
-    return stated_cause(finding).onset_s <= max(
-        (track.t[0] for track in flight.imus.values() if len(track)), default=0.0
-    )
+    begins = max((track.t[0] for track in flight.imus.values() if len(track)), default=0.0)
+    return stated_cause(finding).onset_s <= begins
 
 
 def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | None:

@@ -1,6 +1,7 @@
 """Which of the two is wrong: the sentence above everything that the analysis says about one IMU of a flight.
 
-Also here: faults that would do harm and that a flight is too short, too calm or too noisy to show.
+Also here: faults that would do harm and that a flight is too short, too calm or too noisy to show; and what is said of
+a vehicle at one moment while it is listened to: the verdict now, how old it is, and all alarms.
 """
 
 from __future__ import annotations
@@ -12,31 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.agreement import Agreement, too_few_windows, unseen, would_show
+from companion.analysis.budget import Agreement
+from companion.analysis.comparison import left_out
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.constants import num, priors
+from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, hypothesis_of
-from companion.model import brief
-
-
-def harmful_undetected(best: BestEstimate) -> list[str]:
-    """Biases of the IMU between what is harmful and what the flight would have shown: "a gyro bias of 5.0-5.9 mrad/s".
-
-    Those of GPS and compass only mislead where the autopilot follows them, and then it deviates from the best estimate.
-    """
-    out = []
-    for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
-        kind = hypothesis_of(f"{sensor}_bias")
-        shown = best.detectable.get(kind.name, kind.harmful("step"))
-        low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
-        if high != low:
-            out.append(f"{_ARTICLE[sensor]} {SENSORS[sensor]} bias of {low}-{high} {unit}")
-    return out
-
-
-_ARTICLE = {"gyro": "a", "accel": "an"}
-
+from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -142,18 +125,24 @@ def _decided(
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = stated_cause(first)
         summary = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
-        summary += _all_the_same(judged, source)
+        if judged.share == 1.0:  # what goes off slowly, or on an IMU not in use, shows beside the other sensors alone
+            summary += f" {source} and the autopilot nevertheless agree: {judged}."
         return Verdict(status, summary, findings, cause)
-    doubt = _doubt(worst, findings, best) or _of_imu(probability)
+    doubt = _doubt(worst, findings, best, probability.get("imu", 0.0))
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
-    sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _stated_probabilities(probability))
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
-    how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
-    summary = f"{fallen}{who} agree within the expected error ({how}{sure})."
-    summary += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
-    return Verdict("consistent", summary + _not_verified(best), findings)
+    how = str(worst)
+    if no_windows:
+        shown = "" if best is None else " or ".join(_would_show(best).values())
+        how = f"by the best estimate: {no_windows}, but {shown} would have shown"
+    summary = f"{fallen}{who} agree within the expected error ({how}{_likeliest(probability)})."
+    if best is not None and probability and not no_windows:  # once: of all flights of a log together
+        summary += _not_excluded(best)
+    if best is not None and "gps_position" not in best.residuals:  # both may have it wrong together
+        summary += " No GPS data: the position could not be verified."
+    return Verdict("consistent", summary, findings)
 
 
 def _how_sure(cause: Cause) -> str:
@@ -180,38 +169,28 @@ def _then(cause: Cause, lost: Sequence[Finding]) -> str:
     return f"{_fall([after])[:-1]}, {after.start_s - cause.onset_s:.1f} s after it began."
 
 
-def _all_the_same(judged: Agreement, source: str) -> str:
-    """What has to be said beside a suspicion where every window is inside its bound; "" elsewhere.
-
-    What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
-    """
-    return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
-
-
-def _stated_probabilities(probability: Mapping[str, float]) -> list[tuple[str, float]]:
+def _likeliest(probability: Mapping[str, float]) -> str:
     """The probability that no sensor has a fault; of an aiding sensor that has one, which misled nobody."""
     if not probability:
-        return []
-    whose, share = max(probability.items(), key=lambda pair: pair[1])
-    summary = (
-        "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
-    )
-    return [(summary, share)]
-
-
-_NAMES = {"gps": "GPS", "imu": "IMU"}
-
-
-def _not_verified(best: BestEstimate | None) -> str:
-    """What both may have wrong together, as no third sensor was there; "" elsewhere."""
-    if best is None or "gps_position" in best.residuals:
         return ""
-    return " No GPS data: the position could not be verified."
+    whose, share = max(probability.items(), key=lambda pair: pair[1])
+    name = {"gps": "GPS", "imu": "IMU"}.get(whose, whose)
+    what = "no sensor fault" if whose == "nobody" else f"a fault of the {name}, which misled nobody"
+    return f"; {what}: {percent(share)}"
 
 
-def _not_excluded(best: BestEstimate | None) -> str:
-    """Harmful faults of the IMU that are too small for this flight to show; "" where there are none."""
-    ranges = [] if best is None else harmful_undetected(best)
+def _not_excluded(best: BestEstimate) -> str:
+    """Harmful faults of the IMU that are too small for this flight to show: "a gyro bias of 5.0-5.9 mrad/s"; or "".
+
+    Those of GPS and compass only mislead where the autopilot follows them, and then it deviates from the best estimate.
+    """
+    ranges = []
+    for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
+        kind = hypothesis_of(f"{sensor}_bias")
+        shown = best.detectable.get(kind.name, kind.harmful("step"))
+        low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
+        if high != low:
+            ranges.append(f"{'an' if sensor == 'accel' else 'a'} {SENSORS[sensor]} bias of {low}-{high} {unit}")
     return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
 
 
@@ -229,13 +208,16 @@ def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], has_cause: 
     return f"{begun} {undecided}{too_little}."
 
 
-def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
-    """What speaks against agreement: what cannot be told, or what nothing explains; None where nothing does."""
+def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEstimate | None, imu: float) -> str | None:
+    """What speaks against agreement: what cannot be told, or what nothing explains; None where nothing does.
+
+    imu: the probability that one is at fault: what harmed nothing yet, or is not known well enough.
+    """
     undecided = next((f.evidence for f in findings if f.undecided), None)
     if undecided is not None:
         return undecided
     if worst is None or worst.is_consistent:
-        return None
+        return f"an IMU is at fault with a probability of {percent(imu)}" if imu > 1.0 - priors.ACCUSED else None
     quantity = min(worst.inside, key=lambda name: worst.inside[name])
     why = "no single cause explains it"
     if best is None:
@@ -243,12 +225,6 @@ def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEst
     elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
         why = explained
     return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
-
-
-def _of_imu(probability: Mapping[str, float]) -> str | None:
-    """That a fault of an IMU is too likely for agreement: what harmed nothing yet, or is not known well enough."""
-    sure = probability.get("imu", 0.0)
-    return None if sure <= 1.0 - priors.ACCUSED else f"an IMU is at fault with a probability of {percent(sure)}"
 
 
 def _first(causes: Sequence[Finding]) -> Finding:
@@ -274,3 +250,92 @@ def headline_of(finding: Finding) -> str:
 def stated_cause(finding: Finding) -> Cause:
     """What is wrong, in numbers; without a size where the finding has none."""
     return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)
+
+
+Band = tuple[tuple[float, float, float, float], ...]
+"""Time since an anchor, s, and 1σ of what the error is expected to be then: attitude °, velocity m/s, position m."""
+
+State = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "starting", "lost", "stale", ""]
+"""A verdict; the estimator aligns or a flight has just begun; control was lost; the data are old; nothing yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A time in which somebody was suspect."""
+
+    status: State
+    text: str  # as it was said last, when most was known
+    first: float  # s UNIX, of the newest data when it was said first
+    last: float  # ... and last
+    when: str = ""  # the same in words, by the clock of the computer
+
+
+@dataclass(frozen=True, slots=True)
+class LiveVerdict:
+    """What is to be said at one moment. All text is untrusted."""
+
+    status: State  # when its data were new
+    text: str
+    newest: float = 0.0  # s UNIX, when the newest data that it rests on arrived; 0: it rests on none
+    vehicle: str = ""
+    alarms: tuple[Alarm, ...] = ()  # since the session began; the newest last
+    expected: Band = ()  # empty where it cannot be said
+    was_consistent: bool = False  # whether it ever was, since then
+    age_s: float = 0.0  # of its data, when it is read
+    silent: bool = False  # whether nothing comes on the link then
+    cause: Cause | None = None  # of an alarm
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether it says nothing of now."""
+        return bool(self.newest) and (self.silent or self.age_s > check.STALE_S)
+
+    @property
+    def now(self) -> tuple[State, str]:
+        """The state that holds now, and why: one of old data says as of when it held."""
+        if not self.is_stale:
+            return self.status, self.text
+        return "stale", f"as of {self.age_s:.0f} s ago: {self.text}"
+
+    @property
+    def so_far(self) -> tuple[State, str]:
+        """The verdict on the session up to now, and why: the first alarm, and what was after it."""
+        if not self.alarms:
+            return ("consistent", "no alarm so far") if self.was_consistent else ("", "nothing is known yet")
+        lines = [f"{a.when}: {a.text}" for a in self.alarms]
+        more = f" ({len(lines) - 2} more)" if len(lines) > 2 else ""
+        return self.alarms[0].status, "; ".join(dict.fromkeys([lines[0], lines[-1]])) + more
+
+
+def unseen(best: BestEstimate | None, no_windows: str) -> str:
+    """Why the best estimate does not speak for windows that there are not; "" where it does.
+
+    Where each fault of the size that such faults have would show in it.
+    """
+    if best is None or "gyro_bias" not in best.detectable:
+        return no_windows
+    shown = _would_show(best).items()
+    hidden = [words for kind, words in shown if best.detectable[kind] > hypothesis_of(kind).prior]
+    return f"{no_windows}; no fault was found, but {' and '.join(hidden)} would not have shown" if hidden else ""
+
+
+def _would_show(best: BestEstimate) -> dict[str, str]:
+    """Bias of a sensor of the IMU → the smallest that would have shown, in words."""
+    shown = {}
+    for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
+        kind, shown_as = f"{sensor}_bias", f"bias of the {SENSORS[sensor]}"
+        size = best.detectable.get(kind)
+        if size is not None:
+            is_any = size > check.ANY_BIAS * hypothesis_of(kind).prior
+            shown[kind] = f"any {shown_as}" if is_any else f"a {shown_as} of {scale * size:.{decimals}f} {unit}"
+    return shown
+
+
+def too_few_windows(judged: Agreement) -> str:
+    """Why there are too few windows to be judged; "" where there are enough."""
+    if judged.windows >= num.MIN_WINDOWS:
+        return ""
+    reasons = left_out(judged.excluded)
+    short = f"the flight is too short: at least {num.MIN_WINDOWS * num.JUDGED_S:g} s are needed"
+    usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
+    return f"{usable} of {num.JUDGED_S:g} s can be used ({f'left out: {reasons}' if reasons else short})"

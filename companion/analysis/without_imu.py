@@ -11,13 +11,12 @@ from companion.analysis.deviations import at_first, least_deviation
 from companion.analysis.fault_interval import DEVIATION_UNITS
 from companion.analysis.finding import Finding, are_near, by_severity, runs
 from companion.analysis.findings import autopilot_findings, with_reports
-from companion.analysis.loss_of_control import in_control
-from companion.analysis.phases import flown, judged_parts, phases
-from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at
+from companion.analysis.phases import flown, in_control, judged_parts, phases
+from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at, wrapped
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
 from companion.estimation import CONSTANTS
-from companion.model import Array, Flight, GpsTrack, PositionTrack, interpolated, ned_from_geodetic
+from companion.model import Array, Flight, GpsTrack, interpolated, ned_from_geodetic
 from companion.strapdown import quaternion
 
 
@@ -79,7 +78,8 @@ def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
     own, speed = (interpolated(t, position.t, values) for values in (position.position, position.velocity))
     moved = own - place
     moved = np.where((known & judged)[:, None], moved - at_first(moved, known & judged, which), np.nan)
-    swift, pull = length(speed[:, :2]), _pull(position, t)
+    swift = length(speed[:, :2])
+    pull = np.interp(t, position.t, length(np.gradient(position.velocity[:, :2], position.t, axis=0)))  # m/s²
     sigma = {
         "position": np.hypot(np.nan_to_num(gps.horizontal_sigma), late * swift),
         "height": np.hypot(np.nan_to_num(gps.vertical_sigma), healthy.GPS_HEIGHT_WANDER_M),
@@ -106,7 +106,7 @@ def _off_compass(flight: Flight, limits: Limits) -> Iterator[_Apart]:
         field = quaternion.rotate(reference.q_ned_frd, compass.field)
         off = np.arctan2(field[:, 1], field[:, 0])
         off -= flight.declination or at_first(np.unwrap(off), judged, which)
-        value = np.where(judged, np.abs(np.mod(off + np.pi, 2.0 * np.pi) - np.pi), np.nan)
+        value = np.where(judged, np.abs(wrapped(off)), np.nan)
         least = least_deviation("heading", np.full(len(value), healthy.MAGNETIC_HEADING_RAD))
         yield _Apart("heading", "compass", compass.source, compass.t, value, least)
 
@@ -131,29 +131,19 @@ def _place(gps: GpsTrack) -> Array:
     return ned_from_geodetic(gps.latitude, gps.longitude, gps.height, about)
 
 
-def _pull(position: PositionTrack, t: Array) -> Array:
-    """(N,) m/s², by how much the velocity changes around each time."""
-    change = np.gradient(position.velocity[:, :2], position.t, axis=0)
-    return np.interp(t, position.t, length(change))
-
-
 def _disagreements(one: _Apart) -> Iterator[Finding]:
     unit, scale = DEVIATION_UNITS[one.quantity]
     for first, last in runs(np.asarray(one.off > one.least)):
         begin, end = float(one.t[first]), float(one.t[last])
         if end - begin >= healthy.DEVIATION_S[one.quantity]:
             most = scale * float(one.off[first : last + 1].max())
-            yield Finding(
-                f"{one.sensor}_disagrees",
-                "autopilot",
-                "warning",
-                begin,
-                end,
+            evidence = (
                 f"the autopilot's {one.quantity} is up to {most:.1f}{unit} off the {_NAMES[one.sensor]}, "
-                f"from {begin:.1f} to {end:.1f} s ({one.source})",
-                "Without an IMU it cannot be told which of the two is wrong: have the IMU logged as well.",
-                undecided=True,
+                f"from {begin:.1f} to {end:.1f} s ({one.source})"
             )
+            advice = "Without an IMU it cannot be told which of the two is wrong: have the IMU logged as well."
+            kind = f"{one.sensor}_disagrees"
+            yield Finding(kind, "autopilot", "warning", begin, end, evidence, advice, undecided=True)
 
 
 def _agreement(one: _Apart) -> str:

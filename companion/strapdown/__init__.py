@@ -3,8 +3,15 @@
 from companion.strapdown import motions, quaternion
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, propagate, skew
-from companion.strapdown.dead_reckon import SAME_TIME, DeadReckoner, Preintegration, dead_reckon, preintegrate
-from companion.strapdown.gravity import normal_gravity
+from companion.strapdown.dead_reckon import (
+    SAME_TIME,
+    DeadReckoner,
+    Preintegration,
+    dead_reckon,
+    normal_gravity,
+    preintegrate,
+    sample_at,
+)
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, simulate
 from companion.strapdown.increments import METHODS, Increments, dense_attitude, increments
 from companion.strapdown.motions import Motion

@@ -196,11 +196,8 @@ class Sums:
         return Sums(self.transition[rows], noise, self.gyro_matrix[rows], self.accel_matrix[rows])
 
     def __setitem__(self, rows: Index, new: Sums) -> None:
-        self.transition[rows], self.gyro_matrix[rows], self.accel_matrix[rows] = (
-            new.transition,
-            new.gyro_matrix,
-            new.accel_matrix,
-        )
+        self.transition[rows], self.gyro_matrix[rows] = new.transition, new.gyro_matrix
+        self.accel_matrix[rows] = new.accel_matrix
         for cause, covariance in self.noise.items():
             covariance[rows] = new.noise[cause]
 
@@ -319,14 +316,7 @@ _OF_ACCEL, _OF_GYRO = np.arange(6), np.append(np.arange(3), np.arange(6, 12))
 
 
 def _in_ned(
-    raw: Sums,
-    imu: ImuTrack,
-    path: Preintegration,
-    start: Index,
-    end: Index,
-    q: Array,
-    velocity: Array,
-    gravity: float,
+    raw: Sums, imu: ImuTrack, path: Preintegration, start: Index, end: Index, q: Array, velocity: Array, gravity: float
 ) -> Propagation:
     """The sums turned into NED, and the responses that need the state at the start."""
     c = quaternion.multiply(q, quaternion.conjugate(path.q[start]))
@@ -342,20 +332,12 @@ def _in_ned(
     duration = (path.t[end] - path.t[start])[:, None]
     down = np.array([0.0, 0.0, 1.0])
     _, v_end, _ = path.carry(start, end, q, velocity, np.zeros_like(velocity), gravity=gravity)
-    begin, arrive = (
-        np.concatenate(
-            (
-                quaternion.rotate(attitude, imu.gyro[i]),
-                quaternion.rotate(attitude, imu.accel[i]) + gravity * down,
-                speed,
-            ),
-            axis=1,
-        )
-        for i, attitude, speed in (
-            (start, q, velocity),
-            (end, quaternion.multiply(c, path.q[end]), v_end),
-        )
-    )
+
+    def rates(i: Index, attitude: Array, speed: Array) -> Array:
+        force = quaternion.rotate(attitude, imu.accel[i]) + gravity * down
+        return np.concatenate((quaternion.rotate(attitude, imu.gyro[i]), force, speed), axis=1)
+
+    begin, arrive = rates(start, q, velocity), rates(end, quaternion.multiply(c, path.q[end]), v_end)
     return Propagation(
         duration[:, 0],
         transition,

@@ -57,13 +57,9 @@ def simulate(truth: ImuTrack, model: ImuModel, seed: int | np.random.Generator) 
     The same seed gives the same readings. The steps of the model are noted on the track.
     """
     rng = np.random.default_rng(seed)
-    return replace(
-        truth,
-        gyro=_measured(truth.t, truth.gyro, model.gyro, rng),
-        accel=_measured(truth.t, truth.accel, model.accel, rng),
-        gyro_step=model.gyro.step,
-        accel_step=model.accel.step,
-    )
+    gyro = _measured(truth.t, truth.gyro, model.gyro, rng)
+    accel = _measured(truth.t, truth.accel, model.accel, rng)
+    return replace(truth, gyro=gyro, accel=accel, gyro_step=model.gyro.step, accel_step=model.accel.step)
 
 
 def correct(imu: ImuTrack, model: ImuModel) -> ImuTrack:

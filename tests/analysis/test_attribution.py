@@ -466,7 +466,7 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
 def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
     noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
-    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0, sudden=True)
+    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0)
     (told,) = findings_of((), (away,), noisy)
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence

@@ -19,7 +19,7 @@ from companion.analysis import (
     compare,
     drift_of,
 )
-from companion.analysis.constant_faults import Known
+from companion.analysis.calibrate import Known
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds

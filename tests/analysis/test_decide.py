@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis.agreement import Agreement
 from companion.analysis.fault_interval import EstimatorDeviation
 from companion.analysis.finding import Cause, Finding, Side
-from companion.analysis.verdict import decide
+from companion.analysis.verdict import Agreement, decide
 from companion.constants import num
 from companion.constants.priors import ACCUSED
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import FreeRun, Replay, extend, replay
-from companion.analysis.integration import DEFAULT
+from companion.analysis.comparison import DEFAULT
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds

@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.analysis import GENERIC, Assessment, assess
-from companion.analysis.loss_of_control import between
+from companion.analysis.phases import between, phases
 from companion.analysis.phases import flown as flights_of
-from companion.analysis.phases import phases
 from companion.model import ActuatorTrack, Array, Event, Flight, Phase, PhaseKind, StatusText, without
 from companion.strapdown import Motion, motions, quaternion
 from tests.flights import flown, lively, moved_north, seconds, with_imu

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from companion.analysis import GENERIC, NAMES, PARTS, Correction, compare, drift_of, known_from, windows
-from companion.analysis.constant_faults import _to_figures, beside_best
+from companion.analysis.calibrate import _to_figures
+from companion.analysis.constant_faults import beside_best
 from companion.estimation import smooth
 from companion.model import ImuTrack
 from tests.estimation.sensed import BIASES, sensed, with_imu

@@ -12,7 +12,7 @@ import pytest
 import companion as c
 from companion.analysis import GENERIC, Finding, assess
 from companion.analysis.findings import screened_aiding
-from companion.analysis.findings.aiding import misled_by_frozen
+from companion.analysis.findings.detect import misled
 from companion.model import Array, Flight, Series
 from tests.flights import CIRCLE, LIVELY, flown
 from tests.recordings import BUNDLED, shared
@@ -117,12 +117,12 @@ def test_an_autopilot_that_is_misled_by_a_frozen_sensor_has_that_as_the_cause() 
     flight = compass(flown(LIVELY))
     _, found = screened_aiding(flight, flight.imu())
     off = Finding("heading_off", "autopilot", "error", BEGIN + 5.0, END, "its heading is off by 40°", "look at it")
-    (said, _) = misled_by_frozen([*found, off])
+    (said, _) = misled([*found, off])
     assert (said.side, said.severity) == ("autopilot", "error")
     assert said.cause is not None
     assert (said.cause.sensor, said.cause.consequences) == ("compass", ("its heading is off by 40°",))
     for innocent in (replace(off, start_s=BEGIN - 5.0), replace(off, kind="height_off"), replace(off, side="data")):
-        assert misled_by_frozen([*found, innocent]) == [*found, innocent]
+        assert misled([*found, innocent]) == [*found, innocent]
 
 
 @pytest.mark.slow

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis.finding import Cause, Finding, run_edges
-from companion.analysis.phases import phases
+from companion.analysis.finding import Finding, grouped, standing_still
+from companion.analysis.phases import in_the_air
 from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm, healthy, priors
 from companion.model import (
@@ -22,7 +22,6 @@ from companion.model import (
     Flight,
     GpsTrack,
     ImuTrack,
-    Series,
     ned_from_geodetic,
     of_kind,
     rows,
@@ -51,7 +50,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
     N pⁿ times, and less than 1e-3 is no chance. Or where another sensor says that ten steps of the coarsest sensor of
     its kind were to be read: the gyro of a compass, GPS of a barometer, its own velocity of a GPS.
     """
-    aloft = [(part.start, part.end) for part in phases(flight) if part.kind == "flight"]
+    aloft = [(part.start, part.end) for part in in_the_air(flight)]
     faults: list[Finding] = []
 
     def without(track: _Track, sensor: _Sensor) -> _Track:
@@ -60,7 +59,9 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
             kept[first + 1 : last + 1] = False
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
         if isinstance(track, BarometerTrack):
-            kept &= ~(out := _beyond_range(track))
+            coldest, hottest = healthy.BAROMETER_DEGC
+            out = np.asarray((track.temperature < coldest) | (track.temperature > hottest))
+            kept &= ~out
             faults.extend(_out_of_range(track, out))
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
@@ -84,20 +85,14 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
 def _constant(flight: Flight) -> Iterator[CompassTrack]:
     """Compasses of which all readings are the same: no track is made of these."""
     for one in of_kind(flight.series, "magnetometer"):
-        if (
-            isinstance(one, Series)
-            and len(one.t) > check.REPEATS_BLOCK
-            and one.values.any()
-            and not np.ptp(one.values, axis=0).any()
-        ):
+        if len(one.t) > check.REPEATS_BLOCK and one.values.any() and not np.ptp(one.values, axis=0).any():
             yield CompassTrack(one.t, one.values, one.source, one.instance)
 
 
 def _compass(track: CompassTrack) -> _Sensor:
     size = length(track.field)
-    same = (np.diff(track.field, axis=0) == 0.0).all(axis=1) | (
-        np.abs(np.diff(size)) < check.SYNTHETIC_FIELD * size[1:]
-    )
+    same = (np.diff(track.field, axis=0) == 0.0).all(axis=1)
+    same |= np.abs(np.diff(size)) < check.SYNTHETIC_FIELD * size[1:]
     return _Sensor("compass", track.source, track.t, np.asarray(same), "one field, or one of exactly the same length")
 
 
@@ -121,15 +116,12 @@ def _frozen(
     for begin, end in aloft:
         i, j = (int(at) for at in np.searchsorted(t, (begin, end)))
         same = sensor.same[i : max(j - 1, i)]
-        first, last = run_edges(np.asarray(same))
-        long = np.flatnonzero(t[i + last + 1] - t[i + first] > healthy.EKF_UNFED_S) if len(first) else first
-        for one in long:
-            a, b = i + int(first[one]), i + int(last[one]) + 1
-            p = _share(np.delete(same, slice(a - i, b - i)))
+        for a, b in standing_still(same, t[i:], healthy.EKF_UNFED_S):
+            p = _share(np.delete(same, slice(a, b)))
             by_chance = np.log(len(same)) + (b - a) * np.log(p) >= np.log(priors.FALSE_ALARM)
             no_chance = p < check.REPEATS_SELDOM and not by_chance
-            if no_chance or _should_have_changed(sensor.kind, track, slice(a, b + 1), flight, imu):
-                yield a, b
+            if no_chance or _should_have_changed(sensor.kind, track, slice(i + a, i + b + 1), flight, imu):
+                yield i + a, i + b
 
 
 def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
@@ -148,46 +140,34 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
     interval = np.maximum(apart[:, 0], check.FIX_MIN_INTERVAL_S)
     leaps = length(np.diff(velocity, axis=0)) > healthy.MAX_MPS2 * interval
     bad = np.flatnonzero((apart[:, 0] < check.FIX_JUMPS_GROUPED_S) & ((off > harm.FIX_JUMP_M) | leaps))
-    for group in np.split(bad, np.flatnonzero(np.diff(t[bad]) > check.FIX_JUMPS_GROUPED_S) + 1):
+    for group in grouped(t, bad, check.FIX_JUMPS_GROUPED_S):
         if len(group) >= check.FIX_JUMPS_MIN:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
 
 
-def _beyond_range(track: BarometerTrack) -> BoolArray:
-    """(N,) where a barometer is hotter or colder than any is made for."""
-    coldest, hottest = healthy.BAROMETER_DEGC
-    return np.asarray((track.temperature < coldest) | (track.temperature > hottest))
-
-
 def _out_of_range(track: BarometerTrack, out: BoolArray) -> Iterator[Finding]:
     """Some readings are damage, and no more is said of these."""
-    warm, height = track.temperature[out], track.altitude[out]
-    if out.sum() < 2 or track.t[out][-1] - track.t[out][0] < healthy.EKF_UNFED_S:
+    t, warm, height = track.t[out], track.temperature[out], track.altitude[out]
+    if len(t) < 2 or t[-1] - t[0] < healthy.EKF_UNFED_S:
         return
-    yield Finding(
-        "barometer_out_of_range",
-        "data",
-        "warning",
-        float(track.t[out][0]),
-        float(track.t[out][-1]),
+    evidence = (
         f"the barometer ({track.source}) reads {warm.min():.0f} to {warm.max():.0f} °C, which none is made for, and "
-        f"heights of {height.min():.0f} to {height.max():.0f} m: left out there",
-        "The sensor, its bus or its calibration is damaged: replace it. No autopilot can hold a height with it.",
+        f"heights of {height.min():.0f} to {height.max():.0f} m: left out there"
     )
+    advice = "The sensor, its bus or its calibration is damaged: replace it. No autopilot can hold a height with it."
+    yield Finding("barometer_out_of_range", "data", "warning", float(t[0]), float(t[-1]), evidence, advice)
 
 
 def _inconsistent(source: str, begin: float, end: float) -> Finding:
-    return Finding(
-        "gps_inconsistent",
-        "data",
-        "warning",
-        begin,
-        end,
+    evidence = (
         f"the GPS ({source}) contradicts itself from {begin:.1f} to {end:.1f} s: its positions do not move as "
-        "its velocities say; left out there, position and velocity could not be verified",
-        "Jamming, reflected signals or a receiver that fails: look at its signal strengths and at transmitters nearby.",
-        undecided=end - begin > harm.GPS_OUTAGE_S,
+        "its velocities say; left out there, position and velocity could not be verified"
     )
+    advice = (
+        "Jamming, reflected signals or a receiver that fails: look at its signal strengths and at transmitters nearby."
+    )
+    unsure = end - begin > harm.GPS_OUTAGE_S
+    return Finding("gps_inconsistent", "data", "warning", begin, end, evidence, advice, undecided=unsure)
 
 
 def _share(same: BoolArray) -> float:
@@ -235,43 +215,6 @@ def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> flo
 
 def _finding(sensor: _Sensor, begin: float, end: float) -> Finding:
     name = "GPS" if sensor.kind == "gps" else sensor.kind
-    return Finding(
-        f"{sensor.kind}_frozen",
-        "data",
-        "warning",
-        begin,
-        end,
-        f"the {name} ({sensor.source}) reads {sensor.reads} for {end - begin:.1f} s in flight: left out there",
-        "The sensor, its driver or its bus has stopped while its messages go on. Look at its wiring and power.",
-    )
-
-
-_SHOWS = {
-    "compass_frozen": ("heading_off", "heading_jump"),
-    "barometer_frozen": ("height_off",),
-    "gps_frozen": ("position_off", "velocity_off", "position_jump"),
-    "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
-}
-
-
-def misled_by_frozen(findings: Sequence[Finding]) -> list[Finding]:
-    """The findings, where a frozen sensor misled the autopilot with that as the cause, and its own as consequences."""
-    out = list(findings)
-    for i, one in enumerate(findings):
-        led = [
-            f
-            for f in findings
-            if f.kind in _SHOWS.get(one.kind, ())
-            and f.side == "autopilot"
-            and f.severity == "error"
-            and one.start_s <= f.start_s <= one.end_s + healthy.EKF_RECOVERS_S
-        ]
-        if led:
-            sensor = one.kind.partition("_")[0]
-            words = tuple(f.headline or f.evidence for f in led)
-            cause = Cause(one.kind, "autopilot", one.start_s, one.end_s, sensor=sensor, consequences=words)
-            evidence = f"{one.evidence}; the autopilot was misled by it: {words[0]}"
-            out[i] = replace(
-                one, side="autopilot", severity="error", evidence=evidence, headline=one.evidence, cause=cause
-            )
-    return out
+    evidence = f"the {name} ({sensor.source}) reads {sensor.reads} for {end - begin:.1f} s in flight: left out there"
+    advice = "The sensor, its driver or its bus has stopped while its messages go on. Look at its wiring and power."
+    return Finding(f"{sensor.kind}_frozen", "data", "warning", begin, end, evidence, advice)

@@ -12,7 +12,7 @@ from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.settings import board_orientation, mended
-from companion.analysis.reference import length
+from companion.analysis.reference import length, turn_between
 from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
@@ -47,8 +47,9 @@ def meaning_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding
     yield from units
     fitting = None if units else _fitting(motion)
     if fitting is not None:
-        alone = any(_agrees(_beside(track, other), fitting.turn) for other in _others(flight, track))
-        yield _wrong(track, fitting.how, _mending(flight, track, fitting.turn, alone=alone))
+        turn, how = fitting
+        alone = any(_agrees(_beside(track, other), turn) for other in _others(flight, track))
+        yield _wrong(track, how, _mending(flight, track, turn, alone=alone))
 
 
 def turned_others(
@@ -70,11 +71,11 @@ def turned_others(
         fitting = None if motion is None or [*_unit_findings(other, motion)] else _fitting(motion)
         if fitting is None:
             continue
-        evidence = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {fitting.how}"
-        finding = _wrong(other, evidence, _mending(flight, other, fitting.turn, alone=True))
-        finding = replace(
-            finding, headline=evidence, cause=Cause("axes_wrong", "imu", finding.start_s, imu=other.instance)
-        )
+        turn, how = fitting
+        evidence = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {how}"
+        cause = Cause("axes_wrong", "imu", float(other.t[0]), imu=other.instance)
+        finding = _wrong(other, evidence, _mending(flight, other, turn, alone=True))
+        finding = replace(finding, headline=evidence, cause=cause)
         if not compass or against:
             evidence = f"{evidence}; which of the two sits so, or is set so, cannot be told"
             finding = replace(finding, side="data", severity="warning", evidence=evidence, headline="", undecided=True)
@@ -104,9 +105,8 @@ def _mending(flight: Flight, track: ImuTrack, turn: Array, *, alone: bool) -> st
     """
     name = board_orientation(flight)
     if not alone:
-        return (
-            f"Set {mended(flight, name, quaternion.from_matrix(turn))}, as the board is mounted, and calibrate again."
-        )
+        mending = mended(flight, name, quaternion.from_matrix(turn))
+        return f"Set {mending}, as the board is mounted, and calibrate again."
     own = f"CAL_GYRO{track.instance}_ROT and CAL_ACC{track.instance}_ROT, if it is external, or "
     return (
         f"Another IMU of the vehicle is not turned, so {name} is right: "
@@ -128,7 +128,7 @@ def _motion(comparison: Comparison) -> _Motion | None:
         return None
     start, end = start[known], end[known]
     q = reference.q_ned_frd
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
+    turned = turn_between(q[start], q[end])
     seconds = (track.t[end] - track.t[start])[:, None]
     moving = (reference.position_known[start] & reference.position_known[end])[:, None]
     moved = np.where(moving, reference.velocity[end] - reference.velocity[start], 0.0)
@@ -152,12 +152,11 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
             f"{SENSORS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's estimate, "
             f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
         )
-        begin, end = float(track.t[0]), float(track.t[-1])
         advice = (
             f"Mend the units where {track.source} is sent: MAVLink has mrad/s and thousandths of g in SCALED_IMU and "
             "RAW_IMU, rad/s and m/s² in HIGHRES_IMU. Until then take another IMU: --imu."
         )
-        yield Finding("units_wrong", "imu", "error", begin, end, evidence, advice)
+        yield Finding("units_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), evidence, advice)
 
 
 def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
@@ -190,18 +189,11 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fitting:
-    """Other axes that fit far better."""
-
-    turn: Array  # (3, 3) the body from the IMU's axes
-    how: str  # in words
-
-
-def _fitting(motion: _Motion) -> _Fitting | None:
+def _fitting(motion: _Motion) -> tuple[Array, str] | None:
     """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
 
-    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
+    That rotation (3, 3), the body from the IMU's axes, and in words. Turns are those of the autopilot's attitude, the
+    force is that of its velocity, less gravity.
     """
     moved = length(motion.turn) + length(motion.pull[:, :2])
     busy = moved >= np.median(moved)  # at rest every heading fits
@@ -219,7 +211,7 @@ def _fitting(motion: _Motion) -> _Fitting | None:
         names = best.replace(" ", ", ")
         better = own / total[best]
         how = f"forward, right, down are the IMU's ({names}): so the readings fit {better:.0f} times better"
-        return _Fitting(_ROTATIONS[best], how)
+        return _ROTATIONS[best], how
     free = _wahba(np.concatenate([turn, pull]), np.concatenate([gyro, accel]))
     if free is None:
         return None
@@ -234,11 +226,8 @@ def _fitting(motion: _Motion) -> _Fitting | None:
     ):
         return None
     x, y, z = angle / length(angle)
-    return _Fitting(
-        free,
-        f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the readings "
-        f"fit {own / (forces + turns):.0f} times better",
-    )
+    turned = f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f})"
+    return free, f"{turned}: so the readings fit {own / (forces + turns):.0f} times better"
 
 
 def _beside(track: ImuTrack, other: ImuTrack) -> _Motion | None:

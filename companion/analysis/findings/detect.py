@@ -1,11 +1,12 @@
 """All findings of one IMU of a flight, without those that only follow from others, and with what the vehicle says.
 
-Also here: what the best estimate says: the sensors' faults, where the autopilot leaves it, and what is set otherwise.
+Also here: what the best estimate says: the sensors' faults, where the autopilot leaves it, and what is set otherwise;
+and findings about the loss of control, and what is left of the others beside it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +14,13 @@ import numpy as np
 from companion.analysis.attribution import findings_of
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
-from companion.analysis.constant_faults import ConstantError, constant_findings
+from companion.analysis.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
 from companion.analysis.deviations import estimator_deviations, known_biases
 from companion.analysis.fault_interval import fault_intervals
-from companion.analysis.finding import Finding, are_near
+from companion.analysis.finding import Cause, Finding, are_near, by_severity
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
-from companion.analysis.findings.consequences import is_led_to, when_lost, with_reports, without_consequences
-from companion.analysis.findings.installation import Installation, installation, level
+from companion.analysis.findings.installation import installation, installation_findings
 from companion.analysis.findings.outages import (
     jump_findings,
     jumps_without_imu,
@@ -28,19 +28,17 @@ from companion.analysis.findings.outages import (
     receiver_findings,
     reset_findings,
 )
-from companion.analysis.findings.readings import reading_findings
-from companion.analysis.findings.residuals import residuals
-from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
+from companion.analysis.findings.readings import lags, rate_findings, reading_findings, stamp_findings
 from companion.analysis.findings.settings import setting_findings
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, noisier_findings, vibration_findings
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
-from companion.analysis.phases import aligned_at, landed_at, phases
+from companion.analysis.phases import aligned_at, landed_at, phases, unjudged
 from companion.analysis.reference import Limits
-from companion.constants import check, harm, num
+from companion.constants import check, healthy, num
 from companion.estimation import BestEstimate, hypothesis_of
-from companion.model import Flight, ImuTrack
+from companion.model import Flight, ImuTrack, Phase, Series
 
 
 def findings_by_estimate(
@@ -171,7 +169,7 @@ def findings(
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
     if comparison.track.bias_removed and not flight.on_board:
-        all_findings.append(_not_independent(comparison))
+        all_findings.append(_not_independent(comparison.track))
     landed, limits = landed_at(phases(flight)), comparison.how.limits
     jumps = [
         f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
@@ -187,21 +185,14 @@ def findings(
         if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in unread)
     )
     all_findings += vibration_findings(comparison, flight)
-    raw = residuals(comparison)
-    fitted = installation(comparison, raw, imu_spec, autopilot, np.inf)
-    if (
-        fitted is not None
-        and best is not None
-        and fitted.mounting.any()
-        and leans_in_vain(flight, best, comparison.how.limits, _tilted(fitted))
-    ):
+    fitted = installation(comparison, imu_spec, autopilot)
+    if fitted is not None and best is not None and leans_in_vain(flight, best, limits, fitted.tilted):
         fitted = replace(fitted, mounting=np.zeros(3))
     all_findings += stamp_findings(flight, comparison, lags(comparison))
     clean, tilted = comparison.track, (0.0, 0.0)
-    if fitted is not None and fitted.moved:
-        all_findings += _installed(flight, comparison, fitted)
-        clean = level(comparison.track, fitted)
-        tilted = _tilted(fitted)
+    if fitted is not None:
+        all_findings += installation_findings(flight, comparison.track, fitted)
+        clean, tilted = fitted.level(comparison.track), fitted.tilted
     if best is not None:
         more, jumps = findings_by_estimate(flight, best, limits, (all_findings, faults, jumps), landed, tilted)
         all_findings += more
@@ -212,58 +203,197 @@ def findings(
     return without_consequences(flight, all_findings, others, turned), clean
 
 
-def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
-    """What is said of how the IMU sits in the vehicle."""
-    begin, end = float(comparison.track.t[0]), float(comparison.track.t[-1])
-    if fitted.lag:
-        yield Finding(
-            "imu_lag",
-            "data",
-            "info",
-            begin,
-            end,
-            f"the IMU lags {fitted.lag * 1e3:.1f} ± {fitted.lag_sigma * 1e3:.1f} ms behind the attitude",
-            "Usual: a low-pass of 20 Hz makes 12 ms. It matters in fast turns alone; the calibration takes it out.",
-        )
-    if fitted.mounting.any():
-        size = float(np.linalg.norm(fitted.mounting))
-        roll, pitch, yaw = np.degrees(fitted.mounting)
-        yield Finding(
-            "mounting",
-            "data",
-            "warning" if size > harm.MOUNTING_RAD else "info",
-            begin,
-            end,
-            f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout",
-            f"A board trim ({flight.settings.board_trim}) that the log does not "
-            "name, or the board sits askew. A flight that stays level cannot tell it from an accelerometer's offset.",
-        )
-    if fitted.lever.any():
-        x, y, z = fitted.lever
-        yield Finding(
-            "lever_arm",
-            "data",
-            "info",
-            begin,
-            end,
-            f"the IMU sits ({x:.2f}, {y:.2f}, {z:.2f}) m from the point that the position speaks of",
-            f"Set {flight.settings.imu_place} to where the IMU is, so that the autopilot knows too.",
-        )
+def _not_independent(track: ImuTrack) -> Finding:
+    evidence = (
+        f"the estimator's biases have been subtracted from {track.source}: it agrees with the autopilot "
+        "even where both are wrong"
+    )
+    advice = "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log."
+    return Finding("not_independent", "data", "warning", float(track.t[0]), float(track.t[-1]), evidence, advice)
 
 
-def _not_independent(comparison: Comparison) -> Finding:
-    return Finding(
-        "not_independent",
-        "data",
-        "warning",
-        float(comparison.track.t[0]),
-        float(comparison.track.t[-1]),
-        f"the estimator's biases have been subtracted from {comparison.track.source}: it agrees with the autopilot "
-        "even where both are wrong",
-        "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log.",
+def when_lost(
+    all_findings: Sequence[Finding], flight: Flight, track: ImuTrack | None, parts: Sequence[Phase], imu_spec: ImuSpec
+) -> tuple[Finding, ...]:
+    """The findings of a flight, with what tells that control was lost and without what came of that.
+
+    track: the IMU with its readings out of control, None where there is none. A gyro at the end of its range is a
+    consequence then, and takes the estimator along; whatever else is read accuses nobody. What begins out of control
+    and goes on after it is a fault.
+    Evidence in the last second of a log is worth nothing.
+    """
+    lost, uncontrolled = [part for part in parts if part.kind == "impact"], unjudged(parts)
+    end = flight.start + flight.duration if track is None else float(track.t[-1])
+
+    def within(f: Finding) -> bool:
+        return any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
+
+    kept = [f for f in all_findings if not within(f)]
+    kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
+    out: list[Finding] = []
+    for part in lost:
+        clipping: Iterable[Finding] = ()
+        if track is not None:
+            falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
+            clipping = reading_findings(falling, flight.require_attitude(), imu_spec) if len(falling) > 1 else ()
+        tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
+        out.append(_control_lost(flight, part, tumbling))
+        # a gyro that reads no further as the vehicle tumbles is nobody's fault
+        out += [replace(f, severity="warning", advice=_LOST, cause=None) for f in tumbling]
+    return by_severity((*out, *kept))
+
+
+def _control_lost(flight: Flight, part: Phase, tumbling: Sequence[Finding]) -> Finding:
+    words = f"control was lost at {part.start:.1f} s{_at_its_end(flight, part.start)}"
+    until = "after it" if part.end >= flight.start + flight.duration else f"until {part.end:.1f} s"
+    evidence = f"{words} ({part.reason}); nothing {until} is judged"
+    for clipping in tumbling[:1]:
+        turns = f"from {clipping.start_s:.1f} s on the vehicle turns faster than the gyro reads"
+        evidence += f": {turns} ({clipping.evidence}), which misleads the autopilot too"
+    unsure = bool(tumbling)
+    return Finding("control_lost", "data", "warning", part.start, part.end, evidence, _LOST, words, undecided=unsure)
+
+
+_LOST = "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor."
+
+
+def _at_its_end(flight: Flight, lost: float) -> str:
+    """Which outputs stood at the upper end of their range as control was lost, and at no other time; "" for none."""
+    track = flight.actuators
+    if track is None:
+        return ""
+    full = np.nan_to_num(track.output) >= check.OUTPUT_FULL
+    before = lost - check.AROUND_S
+    usual = full[track.t < before].mean(axis=0) if (track.t < before).any() else full[0]
+    around = (full[(track.t >= begin) & (track.t < begin + check.AROUND_S)] for begin in (before, lost))
+    most = np.max([part.mean(axis=0) if len(part) else np.zeros(full.shape[1]) for part in around], axis=0)
+    names = [output_name(flight, int(i)) for i in np.flatnonzero((most > 0.5) & (usual < 0.05))]
+    return f" with {' and '.join(names)} at {'its' if len(names) == 1 else 'their'} end" if names else ""
+
+
+_MOTORS = {33 + i: f"motor {i + 1}" for i in range(8)} | {82 + i: f"motor {i + 9}" for i in range(4)}
+"""SERVOn_FUNCTION → what the output moves."""
+
+
+def output_name(flight: Flight, index: int) -> str:
+    """What an output of the actuator track moves, by its place."""
+    if flight.actuators is not None and flight.actuators.source == "actuator_motors":
+        return f"motor {index + 1}"
+    function = flight.parameters.get(f"SERVO{index + 1}_FUNCTION", 0.0)
+    return _MOTORS.get(int(function), f"output {index + 1}")
+
+
+def without_consequences(
+    flight: Flight, all_findings: Sequence[Finding], others: Sequence[Finding], turned: Sequence[Finding]
+) -> tuple[Finding, ...]:
+    """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""
+    unread_imus = {f.cause.imu for f in turned if f.cause is not None}
+    own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
+    constant = {f.kind for f in own if f.severity == "error" and f.cause is not None and f.cause.onset_sigma_s is None}
+    own = [f for f in own if not (f.kind in constant and f.side == "data" and ALL_THE_TIME in f.evidence)]
+    own = [with_reports(f, flight) for f in own if not _follows(f, own)]
+    return by_severity([*misled(own), *others])
+
+
+_MISLEADS = {
+    "compass_frozen": ("heading_off", "heading_jump"),
+    "barometer_frozen": ("height_off",),
+    "gps_frozen": ("position_off", "velocity_off", "position_jump"),
+    "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
+    "compass_orientation": ("heading_off", "heading_jump", "velocity_off", "position_off", "compass_turn"),
+}
+"""What of an aiding sensor misleads the autopilot → how that shows."""
+
+
+def misled(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, where a frozen or turned sensor misled the autopilot with that as the cause of what it led to.
+
+    Where it may be the board that is turned, and not the compass, what that led to accuses nobody.
+    """
+    out = list(findings)
+    for i, one in enumerate(findings):
+        throughout = one.kind == "compass_orientation"
+        wrong = [f for f in findings if f.kind in _MISLEADS.get(one.kind, ()) and f.side == "autopilot"]
+        led = [
+            f for f in wrong
+            if f.severity == "error" and (throughout or one.start_s <= f.start_s <= one.end_s + healthy.EKF_RECOVERS_S)
+        ]  # fmt: skip
+        if not led or (throughout and any(other.kind == one.kind for other in findings[:i])):
+            continue
+        consequences = tuple(f.headline or f.evidence for f in led)
+        evidence = f"{one.evidence}; the autopilot was misled by it: {consequences[0]}"
+        if throughout and one.undecided:
+            out = [replace(f, side="data", severity="warning", undecided=True) if f in led else f for f in out]
+            out[i] = replace(one, evidence=evidence)
+            continue
+        cause = one.cause or Cause(one.kind, "autopilot", one.start_s, one.end_s, sensor=one.kind.partition("_")[0])
+        cause = replace(cause, side="autopilot", consequences=consequences)
+        out[i] = replace(one, side="autopilot", severity="error", evidence=evidence, headline=one.evidence, cause=cause)
+    return out
+
+
+def _follows(finding: Finding, others: Sequence[Finding]) -> bool:
+    """Whether a finding is only what another fault looks like from elsewhere.
+
+    A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
+    """
+    own_cause = finding.kind in _CAUSES or finding.side == "data"
+    return not own_cause and is_led_to(finding.start_s, finding.end_s, others)
+
+
+def is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
+    """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
+    return any(
+        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in others
     )
 
 
-def _tilted(fitted: Installation) -> tuple[float, float]:
-    """Roll and pitch of the IMU, rad."""
-    return float(fitted.mounting[0]), float(fitted.mounting[1])
+_CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
+
+
+_WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
+
+
+def with_reports(finding: Finding, flight: Flight) -> Finding:
+    """The finding with what the vehicle said at that time, and how its estimator saw itself.
+
+    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised, once
+    it has taken off, whenever that began.
+    """
+    of_compass = finding.kind.startswith("compass")
+    if finding.side != "autopilot" and not of_compass:
+        return finding
+    begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
+    texts = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
+    texts += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
+    during = [
+        (t, text)
+        for t, text in texts
+        if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
+    ]
+    nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
+    words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
+    evidence = [finding.evidence]
+    if words:
+        evidence.append(f"the vehicle said {', '.join(list(words)[: check.MAX_QUOTED])}")
+    estimator = flight.series.get("estimator")
+    reach = check.BEFORE_S
+    if estimator is not None and (ratio := _worst_ratio(estimator, begin - reach, end + reach)):
+        evidence.append(ratio)
+    return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
+
+
+def _speaks(text: str) -> bool:
+    return any(word in text.lower() for word in _WORDS)
+
+
+def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
+    """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
+    during = (estimator.t >= begin) & (estimator.t <= end)
+    columns = ((name, f"{name}_ratio") for name in ("velocity", "position", "height", "compass"))
+    of_time = {name: estimator[column][during] for name, column in columns if column in estimator.columns}
+    ratios = {name: float(np.nanmax(values)) for name, values in of_time.items() if np.isfinite(values).any()}
+    if not ratios:
+        return ""
+    worst = max(ratios, key=lambda name: ratios[name])
+    return f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)" if ratios[worst] >= 1 else ""

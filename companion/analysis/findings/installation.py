@@ -8,18 +8,22 @@ heading is wrong, its velocity points past every force, and looks late.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
-from companion.analysis.calibrate import lever_jacobian
-from companion.analysis.comparison import Comparison
-from companion.analysis.correction import Correction
-from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
+from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian, window_noise
+from companion.analysis.calibrate import Correction, lever_jacobian
+from companion.analysis.comparison import Comparison, Windows, errors, windows
+from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.constants import check, harm, healthy
-from companion.model import Array, ImuTrack
+from companion.model import Array, Flight, ImuTrack
+from companion.strapdown import Propagation
+
+_GYRO_BIAS = slice(9, 12)  # places in the 15-state error of `propagate`
+_ACCEL_BIAS = slice(12, 15)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,16 +36,19 @@ class Installation:
     lever: Array  # (3,) m, FRD, from the body's origin to the IMU
 
     @property
-    def moved(self) -> bool:
-        """Whether there is anything to take out."""
-        return bool(self.mounting.any() or self.lag or self.lever.any())
+    def tilted(self) -> tuple[float, float]:
+        """Roll and pitch of the IMU, rad."""
+        return float(self.mounting[0]), float(self.mounting[1])
+
+    def level(self, track: ImuTrack) -> ImuTrack:
+        """The track with the installation taken out: the IMU turned, in time and at the body's origin."""
+        return Correction(mounting=self.mounting, time_offset=self.lag, lever_arm=self.lever).apply(track)
 
 
-def installation(
-    comparison: Comparison, residuals: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
-) -> Installation | None:
-    """Fit it; None with too few windows. trusted_until: s, from when on the autopilot's heading is known to be off."""
-    if len(residuals) < check.INSTALLED_MIN_WINDOWS:
+def installation(comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec) -> Installation | None:
+    """Fit it; None with too few windows."""
+    residuals = _residuals(comparison)
+    if len(residuals.span) < check.INSTALLED_MIN_WINDOWS:
         return None
     turning = _turns(comparison, residuals, imu, autopilot)
     lag, lag_sigma = float(turning.x[6]), float(turning.sigma[6])
@@ -49,8 +56,8 @@ def installation(
         lag = 0.0
     fit, part = turning, slice(3, 6)
     lever, lever_sigma = np.zeros(3), np.full(3, healthy.LEVER_ARM_M)
-    if comparison.has_position and (residuals.end < trusted_until).sum() >= check.INSTALLED_MIN_WINDOWS:
-        fit, part = _turns_and_forces(comparison, residuals, imu, autopilot, trusted_until), slice(6, 9)
+    if comparison.has_position:
+        fit, part = _turns_and_forces(comparison, residuals, imu, autopilot), slice(6, 9)
         lever, lever_sigma = fit.x[9:12], fit.sigma[9:12]
     mounting = fit.x[part]
     turned = harm.MOUNTING_MIN_RAD < np.linalg.norm(mounting) < healthy.TRIM_RAD
@@ -61,9 +68,58 @@ def installation(
     return Installation(mounting, lag, lag_sigma, lever)
 
 
-def level(track: ImuTrack, fitted: Installation) -> ImuTrack:
-    """The track with the installation taken out: the IMU turned, in time and at the body's origin."""
-    return Correction(mounting=fitted.mounting, time_offset=fitted.lag, lever_arm=fitted.lever).apply(track)
+def installation_findings(flight: Flight, track: ImuTrack, fitted: Installation) -> Iterator[Finding]:
+    """What is said of how the IMU sits in the vehicle."""
+    begin, end = float(track.t[0]), float(track.t[-1])
+    if fitted.lag:
+        evidence = f"the IMU lags {fitted.lag * 1e3:.1f} ± {fitted.lag_sigma * 1e3:.1f} ms behind the attitude"
+        advice = "Usual: a low-pass of 20 Hz makes 12 ms. It matters in fast turns alone; the calibration takes it out."
+        yield Finding("imu_lag", "data", "info", begin, end, evidence, advice)
+    if fitted.mounting.any():
+        severity: Severity = "warning" if np.linalg.norm(fitted.mounting) > harm.MOUNTING_RAD else "info"
+        roll, pitch, yaw = np.degrees(fitted.mounting)
+        evidence = (
+            f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout"
+        )
+        advice = (
+            f"A board trim ({flight.settings.board_trim}) that the log does not "
+            "name, or the board sits askew. A flight that stays level cannot tell it from an accelerometer's offset."
+        )
+        yield Finding("mounting", "data", severity, begin, end, evidence, advice)
+    if fitted.lever.any():
+        x, y, z = fitted.lever
+        evidence = f"the IMU sits ({x:.2f}, {y:.2f}, {z:.2f}) m from the point that the position speaks of"
+        advice = f"Set {flight.settings.imu_place} to where the IMU is, so that the autopilot knows too."
+        yield Finding("lever_arm", "data", "info", begin, end, evidence, advice)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residuals:
+    """The errors of short windows."""
+
+    chosen: Windows
+    span: Array  # (W,) s
+    attitude: Array  # (W, 3) error at the end, autopilot minus IMU: rotation vector in NED, rad
+    velocity: Array  # (W, 3) likewise, NED m/s
+    growth: Propagation
+    noise: Array  # (W, 2) what white noise makes of the error, 1σ: rad, m/s
+    interpolated: Array  # (W, 2) 1σ of what the ends' interpolation makes of the error per axis: rad, m/s
+
+
+def _residuals(comparison: Comparison) -> _Residuals:
+    chosen = windows(comparison, check.SHORT_S)
+    window_errors = errors(comparison, chosen)
+    span = window_errors.end_s - window_errors.anchor_s
+    ends = [comparison.reference.interpolation_error(i, comparison.path) for i in (chosen.start, chosen.end)]
+    return _Residuals(
+        chosen,
+        span,
+        window_errors.attitude,
+        window_errors.velocity,
+        comparison.growth(chosen),
+        window_noise(comparison.track, chosen) / np.sqrt(span[:, None]) * span[:, None],
+        np.sqrt(sum(np.column_stack([end.attitude, end.velocity]) ** 2 for end in ends)),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,30 +136,17 @@ class _Fit:
         return bool(self.x[part] @ np.linalg.solve(self.covariance[part, part], self.x[part]) > errors**2)
 
 
-def _turns(
-    comparison: Comparison,
-    residuals: Residuals,
-    imu: ImuSpec,
-    autopilot: ReferenceSpec,
-) -> _Fit:
+def _turns(comparison: Comparison, residuals: _Residuals, imu: ImuSpec, autopilot: ReferenceSpec) -> _Fit:
     """Gyro bias, mounting, lag from the turns alone."""
     growth = residuals.growth
-    jacobian = np.concatenate(
-        [
-            growth.transition[:, ATTITUDE, GYRO_BIAS],
-            turn_jacobian(growth)[:, ATTITUDE],
-            growth.time_offset[:, ATTITUDE, None],
-        ],
-        axis=2,
-    )
+    turned = growth.transition[:, ATTITUDE, _GYRO_BIAS], turn_jacobian(growth)[:, ATTITUDE]
+    jacobian = np.concatenate([*turned, growth.time_offset[:, ATTITUDE, None]], axis=2)
     biased = healthy.GYRO_TIMES * imu.gyro.residual_bias
     prior = np.array([*[biased] * 3, *[healthy.MOUNTING_RAD] * 3, healthy.ATTITUDE_LAG_S])
     return _robust([(jacobian, residuals.attitude, _turn_sigma(comparison, residuals, autopilot))], prior)
 
 
-def _turns_and_forces(
-    comparison: Comparison, residuals: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
-) -> _Fit:
+def _turns_and_forces(comparison: Comparison, residuals: _Residuals, imu: ImuSpec, autopilot: ReferenceSpec) -> _Fit:
     """Gyro bias, accelerometer bias, mounting, lever arm, lag, the autopilot's attitude from turns and velocities.
 
     Without the last, a heading that is two degrees off would look like a mounting that is.
@@ -112,8 +155,8 @@ def _turns_and_forces(
     rows = slice(0, 6)
     jacobian = np.concatenate(
         [
-            growth.transition[:, rows, GYRO_BIAS],
-            growth.transition[:, rows, ACCEL_BIAS],
+            growth.transition[:, rows, _GYRO_BIAS],
+            growth.transition[:, rows, _ACCEL_BIAS],
             turn_jacobian(growth)[:, rows],
             lever_jacobian(comparison, residuals.chosen)[:, rows],
             growth.time_offset[:, rows, None],
@@ -121,32 +164,21 @@ def _turns_and_forces(
         ],
         axis=2,
     )
-    prior = np.concatenate(
-        [
-            np.full(3, healthy.GYRO_TIMES * imu.gyro.residual_bias),
-            np.full(3, imu.accel.residual_bias),
-            np.full(3, healthy.MOUNTING_RAD),
-            np.full(3, healthy.LEVER_ARM_M),
-            [healthy.ATTITUDE_LAG_S, autopilot.tilt, autopilot.tilt, healthy.AP_HEADING_RAD],
-        ]
-    )
-    noise = residuals.noise[:, 1] * residuals.span[:, 0]
-    speed = np.sqrt(2.0 * autopilot.velocity**2 + noise**2 + residuals.interpolated[:, 1] ** 2)
-    speed = np.where(residuals.end < trusted_until, speed, np.inf)
-    return _robust(
-        [
-            (jacobian[:, ATTITUDE], residuals.attitude, _turn_sigma(comparison, residuals, autopilot)),
-            (jacobian[:, VELOCITY], residuals.velocity, speed),
-        ],
-        prior,
-    )
+    of_axes = (
+        healthy.GYRO_TIMES * imu.gyro.residual_bias, imu.accel.residual_bias, healthy.MOUNTING_RAD, healthy.LEVER_ARM_M,
+    )  # fmt: skip
+    common = [healthy.ATTITUDE_LAG_S, autopilot.tilt, autopilot.tilt, healthy.AP_HEADING_RAD]
+    prior = np.concatenate([np.repeat(of_axes, 3), common])
+    noise, between = residuals.noise[:, 1], residuals.interpolated[:, 1]
+    speed = np.sqrt(2.0 * autopilot.velocity**2 + noise**2 + between**2)
+    turns = jacobian[:, ATTITUDE], residuals.attitude, _turn_sigma(comparison, residuals, autopilot)
+    return _robust([turns, (jacobian[:, VELOCITY], residuals.velocity, speed)], prior)
 
 
-def _turn_sigma(comparison: Comparison, residuals: Residuals, autopilot: ReferenceSpec) -> Array:
+def _turn_sigma(comparison: Comparison, residuals: _Residuals, autopilot: ReferenceSpec) -> Array:
     """(W,) rad, 1σ of each axis."""
-    step = 0.3 * comparison.track.gyro_step * residuals.span[:, 0]
-    noise = residuals.noise[:, 0] * residuals.span[:, 0]
-    between = residuals.interpolated[:, 0]
+    step = 0.3 * comparison.track.gyro_step * residuals.span
+    noise, between = residuals.noise[:, 0], residuals.interpolated[:, 0]
     return np.asarray(np.sqrt(2.0 * autopilot.attitude_noise**2 + noise**2 + step**2 + between**2))
 
 
@@ -162,7 +194,7 @@ def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:
         misfit = []
         for jacobian, error, sigma in blocks:
             normalised = np.einsum("wi,wi->w", error - jacobian @ x, error - jacobian @ x) / sigma**2
-            misfit.append(normalised[np.isfinite(sigma)])
+            misfit.append(normalised)
             weight = 1.0 / (sigma**2 * (1.0 + normalised / 6.0))
             information = information + np.einsum("w,wij,wik->jk", weight, jacobian, jacobian)
             pull = pull + np.einsum("w,wij,wi->j", weight, jacobian, error)

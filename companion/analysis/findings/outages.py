@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Cause, Finding, Severity, runs
-from companion.analysis.phases import aligned_at, phases
+from companion.analysis.finding import Cause, Finding, Severity, Span, grouped, runs
+from companion.analysis.phases import aligned_at, in_the_air, phases
 from companion.analysis.reference import BoolArray, Limits, attitude_error, attitude_jumps, length, position_jumps
 from companion.constants import check, harm, num
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack, of_kind
@@ -56,18 +56,11 @@ def _heading_findings(steps: list[tuple[float, float, float]], settled: float, u
         start, end, step = group[0][0], group[-1][1], max(size for _, _, size in group)
         many = f"{len(group)} times, by up to" if len(group) > 1 else "by"
         severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
-        words = f"the heading steps {many} {np.degrees(step):.1f}° {unfelt}"
-        yield Finding(
-            "heading_jump",
-            "autopilot",
-            severity,
-            start,
-            end,
-            words,
-            "The estimator has reset its yaw. Some degrees after take-off are usual; more is a compass problem.",
-            headline=f"{words}, from {start:.1f} to {end:.1f} s",
-            cause=Cause("heading_jump", "autopilot", start, end, size=step, unit="rad"),
-        )
+        evidence = f"the heading steps {many} {np.degrees(step):.1f}° {unfelt}"
+        advice = "The estimator has reset its yaw. Some degrees after take-off are usual; more is a compass problem."
+        headline = f"{evidence}, from {start:.1f} to {end:.1f} s"
+        cause = Cause("heading_jump", "autopilot", start, end, size=step, unit="rad")
+        yield Finding("heading_jump", "autopilot", severity, start, end, evidence, advice, headline, cause)
 
 
 def _position_findings(
@@ -77,24 +70,22 @@ def _position_findings(
     if position is None:
         return
     steps = steps[steps[:, 1] - steps[:, 0] <= limits.longest_step(position.t)]
-    if not len(steps):
-        return
-    for group in np.split(steps, np.flatnonzero(np.diff(steps[:, 0]) > check.GROUPED_S) + 1):
+    for at in grouped(steps[:, 0], np.arange(len(steps))):
+        group = steps[at]
         i, j = np.searchsorted(position.t, group[:, 0]), np.searchsorted(position.t, group[:, 1])
         moved = float(length(position.position[j] - position.position[i]).max())
         start, end = float(group[0, 0]), float(group[-1, 1])
         many = f"{len(group)} times in {end - start:.1f} s, by up to" if len(group) > 1 else "by"
-        yield Finding(
-            "position_jump",
-            "autopilot",
-            "error" if start >= settled else "info",
-            start,
-            end,
+        severity: Severity = "error" if start >= settled else "info"
+        evidence = (
             f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s at "
-            f"{length(position.velocity[j]).max():.1f} m/s; {unfelt}",
-            "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
-            cause=Cause("position_jump", "autopilot", start, end, size=moved, unit="m"),
+            f"{length(position.velocity[j]).max():.1f} m/s; {unfelt}"
         )
+        advice = (
+            "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time."
+        )
+        cause = Cause("position_jump", "autopilot", start, end, size=moved, unit="m")
+        yield Finding("position_jump", "autopilot", severity, start, end, evidence, advice, cause=cause)
 
 
 def _steps_of(attitude: AttitudeTrack | None, limits: Limits) -> Iterator[tuple[float, float, float]]:
@@ -137,9 +128,6 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
         yield edges[0], edges[1], float(abs(error[peak, 2]))
 
 
-Span = tuple[float, float]  # s, boot clock
-
-
 def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterator[Finding]:
     """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
 
@@ -149,27 +137,27 @@ def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterato
     """
     fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
     without_fix = _gaps(flight, received, gaps, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
-    position = flight.position
-    if position is None:
+    if flight.position is None:
         yield from _never_valid(flight)
-    lost = [] if position is None else _gaps(flight, received, gaps, position.t)
-    for begin, end in lost:
-        meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
-        without_fix = [span for span in without_fix if span != meanwhile]
-        yield _lost(flight, (begin, end), meanwhile)
-    for span in without_fix if position is not None else ():
+        return
+    lost = _gaps(flight, received, gaps, flight.position.t)
+    for span in lost:
+        meanwhile = next((other for other in without_fix if _overlap(other, span)), None)
+        without_fix = [other for other in without_fix if other != meanwhile]
+        yield _lost(flight.position, span, meanwhile)
+    for span in without_fix:
         yield _dead_reckoned(span, "no GPS fix for", "the autopilot's position is dead-reckoned, or of other sensors")
-    for span in _rejected(flight) if position is not None else ():
-        if not any(_overlap(span, other) > 0.0 for other in (*lost, *without_fix)):
+    for span in _rejected(flight):
+        if not any(_overlap(span, other) for other in (*lost, *without_fix)):
             yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS for", "it dead-reckons")
 
 
 def _never_valid(flight: Flight) -> Iterator[Finding]:
     """That the estimator never called its position valid in flight, by its own flags: it was never lost."""
-    estimator, aloft = flight.series.get("estimator"), [part for part in phases(flight) if part.kind == "flight"]
-    if estimator is None or "flags" not in estimator.columns or not aloft:
+    estimator, parts = flight.series.get("estimator"), in_the_air(flight)
+    if estimator is None or "flags" not in estimator.columns or not parts:
         return
-    flags, begin, end = estimator["flags"], aloft[0].start, aloft[-1].end
+    flags, begin, end = estimator["flags"], parts[0].start, parts[-1].end
     flags_in_flight = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
     if len(flags_in_flight) and not (flags_in_flight & check.POSITION_VALID).any():
         words = f"no valid position in flight, by the estimator's own flags ({estimator.source}): it is not judged"
@@ -214,15 +202,9 @@ def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
             for name, (what, unit) in _SIGMAS.items():
                 most = float(np.nan_to_num(getattr(one, name)[during]).max())
                 words += [f"{what} ±{most:.1f} {unit}"] if most > 0.0 else []
-            yield Finding(
-                "gps_poor",
-                "data",
-                "warning",
-                begin,
-                end,
-                f"the GPS ({one.source}) calls its fix poor for {end - begin:.1f} s; at worst {', '.join(words)}",
-                "Look at the antenna's view of the sky, and at what sends or switches near it.",
-            )
+            poor_for = f"the GPS ({one.source}) calls its fix poor for {end - begin:.1f} s; at worst {', '.join(words)}"
+            advice = "Look at the antenna's view of the sky, and at what sends or switches near it."
+            yield Finding("gps_poor", "data", "warning", begin, end, poor_for, advice)
 
 
 _SIGMAS = {"horizontal_sigma": ("level", "m"), "vertical_sigma": ("height", "m"), "speed_sigma": ("speed", "m/s")}
@@ -230,15 +212,14 @@ _SIGMAS = {"horizontal_sigma": ("level", "m"), "vertical_sigma": ("height", "m")
 
 def _long(flight: Flight, t: Array, where: BoolArray) -> Iterator[Span]:
     """Stretches of more than 5 s in flight in which something is so, s; what is not so for less than a second is."""
-    for part in phases(flight):
-        inside = np.flatnonzero(where & (t >= part.start) & (t <= part.end)) if part.kind == "flight" else ()
-        if len(inside):
-            apart = np.diff(t[inside])
-            ends = (apart > harm.GPS_OUTAGE_S) | ((np.diff(inside) > 1) & (apart > check.GROUPED_S))
-            for group in np.split(inside, np.flatnonzero(ends) + 1):
-                begin, end = float(t[group[0]]), float(t[group[-1]])
-                if end - begin > harm.GPS_OUTAGE_S:
-                    yield begin, end
+    for part in in_the_air(flight):
+        inside = np.flatnonzero(where & (t >= part.start) & (t <= part.end))
+        apart = np.diff(t[inside])
+        ends = (apart > harm.GPS_OUTAGE_S) | ((np.diff(inside) > 1) & (apart > check.GROUPED_S))
+        for group in np.split(inside, np.flatnonzero(ends) + 1) if len(inside) else ():
+            begin, end = float(t[group[0]]), float(t[group[-1]])
+            if end - begin > harm.GPS_OUTAGE_S:
+                yield begin, end
 
 
 def receiver_findings(flight: Flight) -> Iterator[Finding]:
@@ -252,50 +233,37 @@ def interference_findings(flight: Flight) -> Iterator[Finding]:
 
     By its state (PX4 `msg/SensorGps.msg`), or where that is not told by its indicator of continuous waves.
     """
-    aloft = [part for part in phases(flight) if part.kind == "flight"]
-    for one in of_kind(flight.series, "interference"):
-        columns = {name: np.nan_to_num(one[name]) for name in one.columns}
-        nothing = np.zeros(len(one.t))
-        state = columns.get("jamming_state", nothing)
-        noisy = columns.get("jamming_indicator", nothing) >= harm.JAMMING
-        jammed = (state >= check.JAMMED) | ((state == 0) & noisy)
-        for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= check.JAMMED)):
-            reports = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
-            interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
-            if len(reports) * interval > harm.GPS_OUTAGE_S:
-                yield Finding(
-                    "gps_interference",
-                    "data",
-                    "warning",
-                    reports[0],
-                    reports[-1],
-                    f"the GPS ({one.source}) says that it is {words}, for {len(reports) * interval:.1f} s",
-                    "Look at what sends or switches near the antenna: a GPS that is disturbed misleads an estimator.",
-                )
-        break  # the selected receiver; its driver's topic says the same
+    one = next(of_kind(flight.series, "interference"), None)  # the selected receiver; its driver's topic says the same
+    if one is None:
+        return
+    nothing, parts = np.zeros(len(one.t)), in_the_air(flight)
+    columns = {name: np.nan_to_num(one[name]) for name in one.columns}
+    state = columns.get("jamming_state", nothing)
+    noisy = columns.get("jamming_indicator", nothing) >= harm.JAMMING
+    jammed = (state >= check.JAMMED) | ((state == 0) & noisy)
+    interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
+    for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= check.JAMMED)):
+        reports = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in parts)]
+        lasted = len(reports) * interval
+        if lasted > harm.GPS_OUTAGE_S:
+            evidence = f"the GPS ({one.source}) says that it is {words}, for {lasted:.1f} s"
+            advice = "Look at what sends or switches near the antenna: a GPS that is disturbed misleads an estimator."
+            yield Finding("gps_interference", "data", "warning", reports[0], reports[-1], evidence, advice)
 
 
-def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
+def _lost(position: PositionTrack, span: Span, without_fix: Span | None) -> Finding:
     """A position that the autopilot lost; with the GPS outage that it lost it by."""
-    (begin, end), position = span, flight.position
+    begin, end = span
     words = f"no position for {end - begin:.1f} s"
-    if position is not None and end < position.t[-1]:
+    if end < position.t[-1]:
         i, j = np.searchsorted(position.t, [begin, end])
         words += f", in which it moved by {length(position.position[j] - position.position[i]):.1f} m"
     else:
         words += ", to the end"
     if without_fix is not None:
         words += f"; no GPS fix from {without_fix[0]:.1f} to {without_fix[1]:.1f} s"
-    return Finding(
-        "position_lost",
-        "autopilot",
-        "warning",
-        begin,
-        end,
-        words,
-        "The estimator had lost its position: GPS outage. Windows over it are left out.",
-        undecided=True,
-    )
+    advice = "The estimator had lost its position: GPS outage. Windows over it are left out."
+    return Finding("position_lost", "autopilot", "warning", begin, end, words, advice, undecided=True)
 
 
 def _gaps(flight: Flight, received: Array, gaps: BoolArray, t: Array) -> list[Span]:
@@ -306,15 +274,15 @@ def _gaps(flight: Flight, received: Array, gaps: BoolArray, t: Array) -> list[Sp
     begins, ends = t, np.append(t[1:], max(end, t[-1]))
     out = []
     for begin, stop in np.column_stack([begins, ends])[ends - begins > harm.GPS_OUTAGE_S].tolist():
-        for part in phases(flight):
+        for part in in_the_air(flight):
             first, last = max(begin, part.start), min(stop, part.end)
-            if part.kind == "flight" and last - first - _not_received(received, gaps, first, last) > harm.GPS_OUTAGE_S:
+            if last - first - _not_received(received, gaps, first, last) > harm.GPS_OUTAGE_S:
                 out.append((first, last))
     return out
 
 
-def _overlap(one: Span, other: Span) -> float:
-    return min(one[1], other[1]) - max(one[0], other[0])
+def _overlap(one: Span, other: Span) -> bool:
+    return min(one[1], other[1]) > max(one[0], other[0])
 
 
 def _not_received(received: Array, gaps: BoolArray, start: float, end: float) -> float:

@@ -1,18 +1,22 @@
-"""Findings about readings that cannot be: the whole IMU frozen, or at the end of its range."""
+"""Findings about readings that cannot be: the whole IMU frozen, or at the end of its range.
+
+Also here: findings about the samples themselves: too slow, missing, at wrong times, by a clock of their own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSORS
-from companion.analysis.finding import Cause, Finding, IntArray, run_edges
+from companion.analysis.finding import Cause, Finding, Severity, grouped, run_edges
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.reference import BoolArray
+from companion.analysis.phases import down_in_body
+from companion.analysis.reference import BoolArray, IntArray, turn_between
 from companion.constants import check, harm, healthy, priors
-from companion.model import Array, AttitudeTrack, ImuTrack, counted
-from companion.strapdown import quaternion
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, counted, median
 
 
 def reading_findings(
@@ -27,26 +31,19 @@ def reading_findings(
         ("gyro", track.gyro, track.gyro_step, imu.gyro.full_scale, "rad/s"),
         ("accel", track.accel, track.accel_step, imu.accel.full_scale, "m/s²"),
     ):
-        at = np.flatnonzero(
-            (np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, step, track.rate_hz)
-        )
-        if not len(at):
-            continue
-        groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > check.GROUPED_S) + 1)
-        for group in groups:
+        at = (np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, step, track.rate_hz)
+        total = int(at.sum())
+        for group in grouped(track.t, np.flatnonzero(at)):
             start, end, most = float(track.t[group[0]]), float(track.t[group[-1]]), np.abs(readings[group]).max()
-            moment = len(group) < harm.CLIPPED_MOMENT_S * track.rate_hz and len(at) < harm.CLIPPED_S * track.rate_hz
-            yield Finding(
-                f"{name}_clipping",
-                "imu",
-                "warning" if moment else "error",
-                start,
-                end,
-                f"{counted(len(group), 'sample')} of the {SENSORS[name]} at the end of its range, {most:.1f} {unit}"
-                + ("; a shock does this too: a single event is not counted as a sensor fault" if moment else ""),
-                "Damp the mounting, or set a larger range: a shock, vibration or a turn is more than it can read.",
-                cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
-            )
+            many = counted(len(group), "sample")
+            moment = len(group) < harm.CLIPPED_MOMENT_S * track.rate_hz and total < harm.CLIPPED_S * track.rate_hz
+            evidence = f"{many} of the {SENSORS[name]} at the end of its range, {most:.1f} {unit}"
+            if moment:
+                evidence += "; a shock does this too: a single event is not counted as a sensor fault"
+            advice = "Damp the mounting, or set a larger range: a shock, vibration or a turn is more than it can read."
+            severity: Severity = "warning" if moment else "error"
+            cause = Cause(f"{name}_clipping", "imu", start, end, sensor=name)
+            yield Finding(f"{name}_clipping", "imu", severity, start, end, evidence, advice, cause=cause)
 
 
 def _frozen(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray) -> Iterator[Finding]:
@@ -72,19 +69,17 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray) -> Itera
         during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
         if during.stop - during.start < 3:
             continue
-        moved = float(np.abs(np.diff(heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
+        moved = float(np.abs(np.diff(down_in_body(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
         if moved > max(harm.MOVED_RAD, least_rate * (end - start)):
-            yield Finding(
-                "frozen",
-                "imu",
-                "error",
-                start,
-                end,
+            evidence = (
                 f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
-                f"{np.degrees(moved):.0f}°",
-                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
-                "bus and power.",
+                f"{np.degrees(moved):.0f}°"
             )
+            advice = (
+                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
+                "bus and power."
+            )
+            yield Finding("frozen", "imu", "error", start, end, evidence, advice)
 
 
 def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolArray:
@@ -145,6 +140,11 @@ def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
             yield top
 
 
+def read_by(track: ImuTrack, name: str) -> tuple[Array, float]:
+    """What a gyro or an accelerometer reads (N, 3), and in which steps."""
+    return (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+
+
 def beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
     """(count,) which changes lie outside of the runs from first to last."""
     beside = np.ones(count, np.bool_)
@@ -191,6 +191,140 @@ def evened(readings: Array, part: float) -> Array:
     return np.convolve(readings, np.full(span, 1.0 / span), "valid")
 
 
-def heading_free(q: Array) -> Array:
-    """Where the body's down points, as angles: what turns when the vehicle tilts, whatever the yaw does."""
-    return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
+def rate_warning(flight: Flight, rate_hz: float) -> str | None:
+    """What to say above the drift of an IMU whose samples are far apart; None where they are not."""
+    if rate_hz >= harm.LOW_RATE_HZ:
+        return None
+    if rate_hz < harm.USELESS_RATE_HZ:
+        lost = "too low to integrate: motion between samples is lost and causes most of the drift"
+    else:
+        lost = "low: fast motion between samples is lost, which adds to the drift"
+    return f"{rate_hz:.0f} Hz is {lost}. {flight.how_to_record}."
+
+
+def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
+    """The sample rate is too low for the motion: nothing else in the budget matters then."""
+    track = comparison.track
+    rate = track.rate_hz
+    if rate < harm.USELESS_RATE_HZ or sampling_share > 0.5:
+        evidence = f"{track.source} at {rate:.1f} Hz is too slow"
+        if sampling_share > 0.05:
+            evidence += f"; sampling is {sampling_share:.0%} of the expected attitude error"
+        begin, end = float(track.t[0]), float(track.t[-1])
+        yield Finding("rate_too_low", "data", "warning", begin, end, evidence, f"{flight.how_to_record}.")
+    yield from _gap_findings(flight, comparison)
+
+
+def _gap_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
+    t = flight.imu(comparison.track.source).t  # with what is not judged
+    gaps = np.flatnonzero(np.diff(t) > comparison.how.limits.longest_step(t))
+    pauses = _paused(flight, t[gaps], t[gaps + 1])
+    for paused, which in ((False, gaps[~pauses]), (True, gaps[pauses])):
+        if not len(which):
+            continue
+        lengths = t[which + 1] - t[which]
+        what, advice = counted(len(which), "gap"), "Check the link quality, or use the on-board log. "
+        if paused:
+            what, advice = counted(len(which), "pause") + " while disarmed", "Logging stops while disarmed. "
+        elif flight.on_board:
+            advice = "The logger could not keep up: check the SD card, or log fewer other messages. "
+        severity: Severity = "warning" if not paused and lengths.sum() > 0.01 * (t[-1] - t[0]) else "info"
+        begin, end = float(t[which[0]]), float(t[which[-1] + 1])
+        in_all = f"{lengths.sum():.1f} s in all, the longest {lengths.max():.2f} s"
+        evidence, advice = f"{comparison.track.source} has {what}, {in_all}", f"{advice}Windows over gaps are left out."
+        yield Finding("samples_missing", "data", severity, begin, end, evidence, advice)
+
+
+def _paused(flight: Flight, begin: Array, end: Array) -> BoolArray:
+    """Which gaps (N,) of an on-board log are none of the logger's: the vehicle was not armed all the while.
+
+    ArduPilot logs nothing then unless LOG_DISARMED says so, and begins with the next arming in the same file.
+    """
+    armed = flight.armed(begin, begin)
+    if armed is None or not flight.on_board:
+        return np.zeros(len(begin), np.bool_)
+    changes = np.array([event.t for event in flight.events if event.kind in {"armed", "disarmed"}])
+    return ~armed | (np.searchsorted(changes, end + check.ARMS_S, side="right") > np.searchsorted(changes, begin))
+
+
+def stamp_findings(
+    flight: Flight, comparison: Comparison, lags: Sequence[tuple[float, float, float]]
+) -> Iterator[Finding]:
+    """The times themselves are wrong: uneven beyond what a link does, or running away from the attitude's.
+
+    lags: (begin s, end s, lag s) of the IMU behind the attitude, part by part of the flight.
+    """
+    track = comparison.track
+    interval = np.diff(track.t)
+    period = float(np.median(interval))
+    within = interval[interval < check.GAP_PERIODS * period]
+    off = np.abs(within - np.maximum(1.0, np.round(within / period)) * period)
+    uneven = float(np.percentile(off, 90))
+    if uneven > max(healthy.UNEVEN_PERIOD * period, healthy.UNEVEN_S):
+        severity: Severity = "warning" if uneven > 2 * healthy.UNEVEN_PERIOD * period else "info"
+        evidence = (
+            f"one interval in ten of {track.source} is off by {uneven * 1e3:.0f} ms or more from multiples of "
+            f"{period * 1e3:.0f} ms"
+        )
+        advice = (
+            "The processor was too busy to sample evenly. Look at its load, and log less."
+            if flight.on_board
+            else "The autopilot timestamps on sending, not on sampling: a busy link or processor causes jitter. "
+            "Ask for fewer messages, or use the on-board log."
+        )
+        begin, end = float(track.t[0]), float(track.t[-1])
+        yield Finding("samples_irregular", "data", severity, begin, end, evidence, advice)
+    if len(lags) < 2:
+        return
+    first, last = lags[0], lags[-1]
+    moved = last[2] - first[2]
+    if abs(moved) > harm.CLOCK_MOVED_S:
+        severity = "error" if abs(moved) > harm.CLOCK_SPOILT_S else "warning"
+        evidence = (
+            f"the IMU lags {first[2] * 1e3:.0f} ms behind the attitude at first and "
+            f"{last[2] * 1e3:.0f} ms at last: their clocks run at different rates"
+        )
+        advice = "Both have to be stamped by one clock. Record the autopilot's own messages"
+        advice += "." if flight.on_board else ", or use the on-board log."
+        yield Finding("clocks_diverge", "data", severity, first[0], last[1], evidence, advice)
+
+
+def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
+    """(begin s, end s, lag s) of each third of the flight that turns enough to tell, by the best match of the turns."""
+    track, reference = comparison.track, comparison.reference
+    if track.rate_hz < 1 / check.LAG_TURN_S or track.t[-1] - track.t[0] < check.LAG_PARTS * 4 * check.LAG_MAX_S:
+        return []
+    if (track.t[-1] - track.t[0]) / check.LAG_GRID_S > check.LAG_OVERSAMPLED * len(track):
+        return []  # mostly gaps
+    grid = np.arange(track.t[0] + check.LAG_TURN_S, track.t[-1] - check.LAG_TURN_S, check.LAG_GRID_S)
+    half = check.LAG_TURN_S / 2
+    ends = [np.clip(np.searchsorted(track.t, grid + one), 0, len(track) - 1) for one in (-half, half)]
+    good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])
+    span = np.maximum(track.t[ends[1]] - track.t[ends[0]], 1e-9)[:, None]
+    turned = [turn_between(q[ends[0]], q[ends[1]]) / span for q in (comparison.path.q, reference.q_ned_frd)]
+    by_part = []
+    for part in np.array_split(np.arange(len(grid)), check.LAG_PARTS):
+        lag = _best(turned[0][part], turned[1][part], np.asarray(good[part]))
+        if lag is not None:
+            by_part.append((float(grid[part[0]]), float(grid[part[-1]]), lag))
+    return by_part
+
+
+def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
+    """The shift, s, that leaves the least between two rates (N, 3); None where none stands out."""
+    most = round(check.LAG_MAX_S / check.LAG_GRID_S)
+    inner = slice(most, len(gyro) - most)
+    seen, known = attitude[inner] - attitude[inner].mean(axis=0), good[inner]  # a constant rate fits any lag
+    gyro = gyro - gyro[inner].mean(axis=0)
+    power = median((seen[known] ** 2).sum(axis=1)) if known.any() else 0.0
+    if power < check.LAG_MIN_RPS**2:
+        return None
+    shifted = (gyro[most + k : len(gyro) - most + k][known] for k in range(-most, most + 1))
+    left = np.array([median(((one - seen[known]) ** 2).sum(axis=1)) for one in shifted])
+    k = int(np.argmin(left))
+    shifts = check.LAG_ASIDE
+    aside = left[max(0, k - shifts) : k + shifts + 1][[0, -1]].min()
+    if not shifts <= k <= 2 * most - shifts or left[k] > check.LAG_SHARP * min(power, aside):
+        return None
+    below, at, above = left[k - 1 : k + 2]
+    return float((k - most + 0.5 * (below - above) / max(below - 2 * at + above, 1e-12)) * check.LAG_GRID_S)

@@ -19,15 +19,13 @@ is turned further it would have leant another way than it was told to, and turne
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from companion.analysis.finding import Cause, Finding, digits
-from companion.analysis.loss_of_control import UPRIGHT, down_in_body
-from companion.analysis.phases import flown, phases
-from companion.analysis.reference import Limits, attitude_error, reference_at
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
+from companion.analysis.reference import Limits, attitude_error, reference_at, wrapped
 from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
@@ -50,17 +48,18 @@ def parameter(flight: Flight, *names: str) -> tuple[str, float] | None:
 
 def board_orientation(flight: Flight) -> str:
     """What the orientation of the board is called; in general words at an autopilot that is not known."""
-    return {"ARDUPILOTMEGA": "AHRS_ORIENTATION", "PX4": "SENS_BOARD_ROT"}.get(
-        flight.vehicle.autopilot, "the orientation of the board"
-    )
+    return _named(flight, "AHRS_ORIENTATION", "SENS_BOARD_ROT", "the orientation of the board")
+
+
+def _named(flight: Flight, ardupilot: str, px4: str, other: str) -> str:
+    """What a parameter is called by the flight's autopilot."""
+    return {"ARDUPILOTMEGA": ardupilot, "PX4": px4}.get(flight.vehicle.autopilot, other)
 
 
 def compass_orientation(flight: Flight, instance: int) -> str:
     """The same of a compass."""
     number = "" if instance == 0 else str(instance + 1)
-    return {"ARDUPILOTMEGA": f"COMPASS_ORIENT{number}", "PX4": f"CAL_MAG{instance}_ROT"}.get(
-        flight.vehicle.autopilot, "the orientation of the compass"
-    )
+    return _named(flight, f"COMPASS_ORIENT{number}", f"CAL_MAG{instance}_ROT", "the orientation of the compass")
 
 
 def is_internal(flight: Flight, instance: int) -> bool | None:
@@ -113,7 +112,7 @@ def _declination(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[st
     off, sigma = error
     name, declination = _set_declination(flight)
     expected = (0.0 if declination is None else declination) - earth.declination
-    apart = abs(np.remainder(off - expected + np.pi, 2.0 * np.pi) - np.pi)
+    apart = abs(float(wrapped(np.array(off - expected))))
     if abs(expected) < harm.DECLINATION_RAD or apart > num.SIGMAS * sigma or abs(off) < 2.0 * apart:
         return None
     of_place = np.degrees(earth.declination)
@@ -122,16 +121,15 @@ def _declination(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[st
             return None
         what = f"as if no declination were used: it is {of_place:.1f}° here"
     else:
-        what = (
-            f"as the declination that is set says: {name} is {np.degrees(declination):.1f}°, and {of_place:.1f}° here"
-        )
+        is_set = f"{name} is {np.degrees(declination):.1f}°"
+        what = f"as the declination that is set says: {is_set}, and {of_place:.1f}° here"
     value = f"{earth.declination:.4f} (rad)" if name.startswith("COMPASS") else f"{of_place:.1f}°"
-    return (
-        "declination",
+    evidence = (
         f"the autopilot's heading is off by {np.degrees(off):.1f} ± {np.degrees(sigma):.1f}° since the start of the "
-        f"log, {what} by the World Magnetic Model",
-        f"Set {name} to {value}, or have it looked up: {_LOOKED_UP.get(name, 'by the place')}.",
+        f"log, {what} by the World Magnetic Model"
     )
+    advice = f"Set {name} to {value}, or have it looked up: {_LOOKED_UP.get(name, 'by the place')}."
+    return "declination", evidence, advice
 
 
 _LOOKED_UP = {"COMPASS_DEC": "COMPASS_AUTODEC 1", "EKF2_MAG_DECL": "bit 0 of EKF2_DECL_TYPE"}
@@ -145,9 +143,7 @@ def _set_declination(flight: Flight) -> tuple[str, float | None]:
     if degrees is not None:
         looked_up = int(flight.parameters.get("EKF2_DECL_TYPE", 0.0)) & 1
         return degrees[0], None if looked_up else float(np.radians(degrees[1]))
-    return {"ARDUPILOTMEGA": "COMPASS_DEC", "PX4": "EKF2_MAG_DECL"}.get(
-        flight.vehicle.autopilot, "the declination"
-    ), None
+    return _named(flight, "COMPASS_DEC", "EKF2_MAG_DECL", "the declination"), None
 
 
 def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[float, float] | None:
@@ -162,7 +158,7 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
         return None
     error = attitude_error(reference.q_ned_frd[known], best.q_ned_frd[known])[:, 2]
     middle = float(np.median(error))
-    low, high = np.percentile(np.remainder(error - middle + np.pi, 2.0 * np.pi) - np.pi, check.SETTING_PERCENTILES)
+    low, high = np.percentile(wrapped(error - middle), check.SETTING_PERCENTILES)
     if high - low > 2.0 * healthy.AP_SIGMA["heading"]:
         return None
     own = float(np.median(best.sigma(ATTITUDE)[known, 2]))
@@ -173,7 +169,8 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
     setting = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
     measured = _well_observed(best, "gps_latency")
-    if setting is None or measured is None or not flight.on_board or _changes(best, "gps_latency"):
+    changes = any(one.kind == "gps_latency" for one in best.explained)
+    if setting is None or measured is None or not flight.on_board or changes:
         return None
     name, value = setting
     of_driver = value == 0.0 and name != "EKF2_GPS_DELAY"  # ArduPilot takes what is known of the receiver then
@@ -183,15 +180,12 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     swift = float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
     if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").least) or off * swift < harm.GPS_DELAY_M:
         return None
-    is_set = (
-        f"{name} is 0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}" if of_driver else f"{name} is {value:g}"
+    usual = f"0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}"
+    evidence = (
+        f"the GPS fixes are {1e3 * latency:.0f} ± {1e3 * sigma:.0f} ms late, and {name} is "
+        f"{usual if of_driver else f'{value:g}'}: at {swift:.0f} m/s the estimate is {off * swift:.1f} m off"
     )
-    return (
-        "gps_delay",
-        f"the GPS fixes are {1e3 * latency:.0f} ± {1e3 * sigma:.0f} ms late, and {is_set}: at {swift:.0f} m/s the "
-        f"estimate is {off * swift:.1f} m off",
-        f"Set {name} to {max(10.0 * round(100.0 * latency), 1.0):.0f} (ms).",
-    )
+    return "gps_delay", evidence, f"Set {name} to {max(10.0 * round(100.0 * latency), 1.0):.0f} (ms)."
 
 
 def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
@@ -205,12 +199,17 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     off = lever - (antenna - imu)
     if not (np.abs(off) > np.maximum(check.LEVER_SIGMAS * sigma, harm.ANTENNA_M)).any():
         return None
-    return (
-        "antenna_position",
-        f"the GPS antenna sits ({digits(lever, 2)}) ± ({digits(sigma, 2)}) m from the IMU, and "
-        f"({digits(antenna - imu, 2)}) m is set",
-        f"Set {names[0]}_X, _Y, _Z to ({digits(imu + lever, 2)}), if it is mounted there.",
+    evidence = (
+        f"the GPS antenna sits ({_digits(lever)}) ± ({_digits(sigma)}) m from the IMU, and "
+        f"({_digits(antenna - imu)}) m is set"
     )
+    advice = f"Set {names[0]}_X, _Y, _Z to ({_digits(imu + lever)}), if it is mounted there."
+    return "antenna_position", evidence, advice
+
+
+def _digits(value: Array) -> str:
+    """The components of a vector, m, in words."""
+    return ", ".join(f"{v:z.2f}" for v in value)
 
 
 _ANTENNA = (("GPS1_POS", "INS_POS1"), ("GPS_POS1", "INS_POS1"), ("EKF2_GPS_POS", "EKF2_IMU_POS"))
@@ -222,10 +221,6 @@ def _well_observed(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
     sigma = best.constants_sigma[place]
     observed = "gps_position" in best.residuals and (sigma < check.WELL_KNOWN * believed).all()
     return (best.states.constant(name), sigma) if observed else None
-
-
-def _changes(best: BestEstimate, kind: str) -> bool:
-    return any(one.kind == kind for one in best.explained)
 
 
 def righted_compasses(
@@ -275,27 +270,3 @@ def _imu_is_right(flight: Flight, best: BestEstimate, turn: Array) -> bool:
     tilts = float(down_in_body(turn[None])[0, 2]) < half
     flew = flight.vehicle.type in UPRIGHT and bool(flown(phases(flight)))
     return upright and (tilts or flew)
-
-
-_SHOWS = ("heading_off", "heading_jump", "velocity_off", "position_off", "compass_turn")
-
-
-def misled_by_turned(findings: Sequence[Finding]) -> list[Finding]:
-    """The findings, where a turned compass misled the autopilot with that as the cause.
-
-    Where it may be the board as well, what it led to accuses nobody.
-    """
-    turned = next((one for one in findings if one.kind == "compass_orientation"), None)
-    led = [f for f in findings if f.kind in _SHOWS and f.side == "autopilot" and f.severity == "error"]
-    if turned is None or not led:
-        return list(findings)
-    words = led[0].headline or led[0].evidence
-    evidence = f"{turned.evidence}; the autopilot was misled by it: {words}"
-    if turned.undecided:
-        instead = {id(f): replace(f, side="data", severity="warning", undecided=True) for f in led}
-        instead[id(turned)] = replace(turned, evidence=evidence)
-    else:
-        consequences = tuple(f.headline or f.evidence for f in led)
-        cause = None if turned.cause is None else replace(turned.cause, side="autopilot", consequences=consequences)
-        instead = {id(turned): replace(turned, side="autopilot", severity="error", evidence=evidence, cause=cause)}
-    return [instead.get(id(f), f) for f in findings]

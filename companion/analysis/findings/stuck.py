@@ -10,23 +10,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, IntArray
-from companion.analysis.finding import Cause, Finding, run_edges
+from companion.analysis.comparison import Comparison
+from companion.analysis.finding import Cause, Finding, run_edges, standing_still
 from companion.analysis.findings.readings import (
     beside,
     by_second,
     evened,
     goes_to_and_fro,
-    heading_free,
     never_repeats,
+    read_by,
     swing,
 )
-from companion.analysis.phases import judged_at
-from companion.analysis.reference import BoolArray, length
+from companion.analysis.phases import down_in_body, judged_at
+from companion.analysis.reference import BoolArray, IntArray, length, turn_between
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
 from companion.model import Array, Flight, ImuTrack, NoEstimateError, median, nearest
-from companion.strapdown import quaternion
 
 
 class Sensor:
@@ -34,14 +33,9 @@ class Sensor:
 
     def __init__(self, track: ImuTrack, name: str) -> None:
         self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
-        self.readings, self.step = _read(track, name)
+        self.readings, self.step = read_by(track, name)
         self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
         self.same = unchanged(self.readings)  # (N-1, 3)
-
-
-def _read(track: ImuTrack, name: str) -> tuple[Array, float]:
-    """What a gyro or an accelerometer reads (N, 3), and in which steps."""
-    return (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,9 +73,7 @@ def unchanged(readings: Array) -> BoolArray:
 
 
 def stuck_findings(
-    comparison: Comparison,
-    imus: Collection[ImuTrack],
-    sensors: Collection[str] = ("gyro", "accel"),
+    comparison: Comparison, imus: Collection[ImuTrack], sensors: Collection[str] = ("gyro", "accel")
 ) -> Iterator[Finding]:
     """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
@@ -110,23 +102,16 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
     if whole:
         other = "accel" if name == "gyro" else "gyro"
         evidence = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
-    return Finding(
-        "stuck_axis",
-        "imu",
-        "error",
-        start,
-        end,
-        evidence,
-        f"The sensor or its driver has {'stopped' if whole else 'lost an axis'}: do not fly on it. "
-        "Look at its wiring and driver.",
-        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
-    )
+    what = "stopped" if whole else "lost an axis"
+    advice = f"The sensor or its driver has {what}: do not fly on it. Look at its wiring and driver."
+    cause = Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis)
+    return Finding("stuck_axis", "imu", "error", start, end, evidence, advice, cause=cause)
 
 
 def _only_rounded(axes: _Axes, stretch: slice, finer: ImuTrack) -> bool:
     """Whether axes that seem stuck are read by a finer message of the same IMU, which goes on within their step."""
     sensor, chosen, t = axes.sensor, list(axes.axes), axes.sensor.t[stretch]
-    meanwhile, finer_step = _read(finer, sensor.name)
+    meanwhile, finer_step = read_by(finer, sensor.name)
     during = (finer.t >= t[0]) & (finer.t <= t[-1])
     if finer_step >= sensor.step or during.sum() <= check.STUCK_MIN_SAMPLES:
         return False
@@ -200,8 +185,8 @@ def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, st
     only where they do not read what it turns.
     """
     sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
-    down, span = heading_free(q), max(1, round(check.TURN_PART * len(q)))
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    down, span = down_in_body(q), max(1, round(check.TURN_PART * len(q)))
+    turned = turn_between(q[:-span], q[span:])
     moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= harm.MOVED_RAD
     if sensor.name == "gyro":
         lasted = sensor.t[stretch][span:] - sensor.t[stretch][:-span]
@@ -223,17 +208,15 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
     """
     sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
     t = sensor.t[stretch]
-
-    def enough(moved: Sequence[bool]) -> bool:
-        return int(np.sum(moved)) >= min(2, len(axes.axes))
-
     meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
     meanwhile = [(o, during) for o, during in meanwhile if during.sum() > check.STUCK_MIN_SAMPLES]
-    # what changed: a bias may step between its usual reading and this one, and a scale makes another level
-    return any(
-        enough([swing(evened(_read(o, name)[0][at, i], check.TURN_PART)) >= check.SOME_STEPS * step for i in axes.axes])
-        for o, at in meanwhile
-    )
+    for other, at in meanwhile:
+        readings, _ = read_by(other, name)
+        # what changed: a bias may step between its usual reading and this one, and a scale makes another level
+        swings = np.array([swing(evened(readings[at, i], check.TURN_PART)) for i in axes.axes])
+        if (swings >= check.SOME_STEPS * step).sum() >= min(2, len(axes.axes)):
+            return True
+    return False
 
 
 def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
@@ -245,7 +228,7 @@ def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
     during = (other.t >= t[0]) & (other.t <= t[-1])
     if other.rate_hz < check.STUCK_RATE_HZ or not during.any():
         return False
-    readings, step = _read(other, axes.sensor.name)
+    readings, step = read_by(other, axes.sensor.name)
     least = check.SOME_STEPS * max(step, axes.sensor.step)
     spread = np.array([_spread_by_second(other.t[during], readings[during, axis])[1] for axis in axes.axes])
     return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= check.STUCK_MIN_SECONDS
@@ -273,7 +256,7 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     out = []
     for track in others:
         if track.rate_hz >= check.STUCK_RATE_HZ:
-            readings, step = _read(track, sensor.name)
+            readings, step = read_by(track, sensor.name)
             means = evened(readings[:, axis], check.MOTION_MEAN_S * track.rate_hz / len(track))
             when, other = _spread_by_second(track.t[len(track) - len(means) :], means)
             moved = other > check.STEP_ROUNDING * (sensor.step + step)
@@ -322,10 +305,7 @@ class _Missed:
 
 
 def missed_findings(
-    comparison: Comparison,
-    best: BestEstimate,
-    flight: Flight,
-    smooth: Callable[[Flight], BestEstimate],
+    comparison: Comparison, best: BestEstimate, flight: Flight, smooth: Callable[[Flight], BestEstimate]
 ) -> Iterator[Finding]:
     """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
 
@@ -371,13 +351,8 @@ def _blames(best: BestEstimate, missed: _Missed) -> bool:
 
 def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> list[Explained]:
     """What was explained of a sensor between two times (s); a shock is felt for a second."""
-    return [
-        one
-        for one in best.explained
-        if one.kind.startswith(sensor)
-        and one.onset < end
-        and begin < (one.onset + 1.0 if one.shape == "shock" else one.end)
-    ]
+    begun = [one for one in best.explained if one.kind.startswith(sensor) and one.onset < end]
+    return [one for one in begun if begin < (one.onset + 1.0 if one.shape == "shock" else one.end)]
 
 
 def _read_throughout(other: ImuTrack, missed: _Missed) -> bool:
@@ -409,9 +384,8 @@ def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> It
             continue
         sensor, missed = Sensor(track, name), moved - read
         for axis in range(3):
-            first, last = run_edges(np.asarray(sensor.same[:, axis]))
-            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > healthy.STUCK_S):
-                begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
+            for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S):
+                begin, end = float(track.t[first]), float(track.t[last])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end) & judged[:-1] & judged[1:]
                 few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
                 if few or not _explained(best, name, begin, end):
@@ -420,4 +394,4 @@ def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> It
                 size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
                 alone = size[axis] > check.MISSED_ALONG * length(size)
                 if alone and size[axis] > max(check.SOME_STEPS * sensor.step, check.MISSED_BEYOND_USUAL * usual[axis]):
-                    yield _Missed(sensor, axis, int(first[i]), int(last[i]) + 1, float(size[axis]))
+                    yield _Missed(sensor, axis, first, last, float(size[axis]))

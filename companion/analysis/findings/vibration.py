@@ -16,6 +16,7 @@ from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding, Severity, run_edges
+from companion.analysis.findings.readings import read_by
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import BoolArray
@@ -43,13 +44,13 @@ def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack], changes: Seque
             for axis in range(3):
                 for first, last in _noisier(level, axis):
                     begin, end = float(start[at + first]), float(start[at + last + 1])
-                    factor, alone = _factor(level[:, axis], first, last), _alone(name, axis, begin, end, others)
-                    yield _finding(name, axis, begin, end, factor, alone)
+                    factor = float(np.exp(np.median(level[first : last + 1, axis]) - np.median(level[:, axis])))
+                    yield _finding(name, axis, begin, end, factor, _alone(name, axis, begin, end, others))
 
 
 def _levels(track: ImuTrack, name: str) -> tuple[Array, Array]:
     """Start of each block (B+1,) s, the end of the last with them, and log of the noise (1σ) of each axis (B, 3)."""
-    readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+    readings, step = read_by(track, name)
     size = max(check.NOISIER_BLOCK, round(check.NOISIER_BLOCK_S * track.rate_hz))
     changes = np.diff(readings, check.NOISIER_ORDER, axis=0)
     blocks = len(changes) // size
@@ -99,11 +100,6 @@ def _tail(t: float, freedom: int) -> float:
     return NormalDist().cdf(-float(z)) if t > 0.0 else 1.0
 
 
-def _factor(level: Array, first: int, last: int) -> float:
-    """How many times noisier than usual."""
-    return float(np.exp(np.median(level[first : last + 1]) - np.median(level)))
-
-
 def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuTrack]) -> bool:
     """Whether another IMU tells of that time, and the same axis of none is noisier then."""
     recorded = False
@@ -118,20 +114,14 @@ def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuT
 
 
 def _finding(name: str, axis: int, begin: float, end: float, factor: float, alone: bool) -> Finding:
+    kind = f"{name}_noise"
     words = f"{SENSORS[name]} {'xyz'[axis]} is {factor:.0f} times noisier than usual, and its other axes are not"
-    if not alone:
-        words += "; a resonance about one axis does this too"
-    return Finding(
-        f"{name}_noise",
-        "imu",
-        "error" if alone else "warning",
-        begin,
-        end,
-        words,
-        "Look at its power and wiring, or what was loose at that time; a second IMU in the log tells which.",
-        cause=Cause(f"{name}_noise", "imu", begin, end, sensor=name, axis="xyz"[axis]) if alone else None,
-        undecided=not alone,
-    )
+    advice = "Look at its power and wiring, or what was loose at that time; a second IMU in the log tells which."
+    if alone:
+        cause = Cause(kind, "imu", begin, end, sensor=name, axis="xyz"[axis])
+        return Finding(kind, "imu", "error", begin, end, words, advice, cause=cause)
+    words += "; a resonance about one axis does this too"
+    return Finding(kind, "imu", "warning", begin, end, words, advice, undecided=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,34 +171,25 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
     severity: Severity = "warning" if most > harm.VIBRATION_LIMIT or high < harm.VIBRATION_HIGH else "info"
     x, y, z = np.median(each[strong], axis=0)
     more = "" if high == harm.VIBRATION_HIGH else "; the vehicle shakes more than they show"
-    yield Finding(
-        "vibration",
-        "imu",
-        severity,
-        float(t[strong][0]),
-        float(t[strong][-1]),
+    evidence = (
         f"vibration {usual:.0f} m/s² typical, {most:.0f} peak (limit {harm.VIBRATION_LIMIT:.0f}), by {source}: "
-        f"x {x:.0f}, y {y:.0f}, z {z:.0f}{more}",
-        "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
-        "looks like motion.",
+        f"x {x:.0f}, y {y:.0f}, z {z:.0f}{more}"
     )
+    advice = (
+        "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
+        "looks like motion."
+    )
+    yield Finding("vibration", "imu", severity, float(t[strong][0]), float(t[strong][-1]), evidence, advice)
 
 
 def _clips(series: Series) -> Iterator[Finding]:
     """Counts of readings at the end of the range, which the vehicle takes at its full rate."""
-    for clipped in clip_counts(series):
-        if not clipped.readings:
-            continue
-        yield Finding(
-            "clipping_counted",
-            "imu",
-            "warning",
-            clipped.start_s,
-            clipped.end_s,
-            f"{counted(round(clipped.readings), 'reading')} at the end of the accelerometer's range "
-            f"({series.source}, {clipped.column})",
-            "Damp the mounting: clipped samples are lost and add drift.",
-        )
+    advice = "Damp the mounting: clipped samples are lost and add drift."
+    for one in clip_counts(series):
+        if one.readings:
+            readings, counter = counted(round(one.readings), "reading"), f"{series.source}, {one.column}"
+            evidence = f"{readings} at the end of the accelerometer's range ({counter})"
+            yield Finding("clipping_counted", "imu", "warning", one.start_s, one.end_s, evidence, advice)
 
 
 def noise_findings(
@@ -226,14 +207,12 @@ def noise_findings(
         if density is None or density <= healthy.NOISE_OVER_DATA_SHEET * sheet:
             continue
         shares = allowed.shares.get(quantity, {}) if allowed else {}
-        limits = max(shares, key=lambda cause: shares[cause], default="") == f"{name}_noise"
-        yield Finding(
-            f"{name}_noise",
-            "imu",
-            "warning" if limits else "info",
-            float(track.t[0]),
-            float(track.t[-1]),
+        kind = f"{name}_noise"
+        limits = max(shares, key=lambda cause: shares[cause], default="") == kind
+        evidence = (
             f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
-            f"{sheet * factor:.3g} of {imu.name}",
-            "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account.",
+            f"{sheet * factor:.3g} of {imu.name}"
         )
+        advice = "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account."
+        begin, end = float(track.t[0]), float(track.t[-1])
+        yield Finding(kind, "imu", "warning" if limits else "info", begin, end, evidence, advice)
