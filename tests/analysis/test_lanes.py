@@ -158,6 +158,24 @@ def test_of_two_lanes_one_is_the_nearer(flight: Flight, best: BestEstimate) -> N
     assert nearer_probability(first, first, compared, where) == 0.5
 
 
+def test_an_error_of_the_best_estimate_counts_for_as_long_as_it_lasts(flight: Flight, best: BestEstimate) -> None:
+    """Of a velocity that is off for seconds little is left in the mean, of a heading by the compass most."""
+    compared = compare_lanes(flight, best, [lane(0)])
+    within = np.flatnonzero(compared.within(10.0, 50.0))
+
+    def sigma(quantity: str, at: Array) -> float:
+        weights = np.zeros((len(best.t), compared.covariance[quantity].shape[-1]))
+        weights[at, 0] = 1.0 / at.size
+        return compared.sigma_of_sum({quantity: weights})
+
+    single = {name: np.sqrt(own[within, 0, 0]) for name, own in compared.covariance.items()}
+    assert sigma("velocity", within[7:8]) == pytest.approx(single["velocity"][7])
+    assert sigma("velocity", within) < 0.5 * single["velocity"].mean()
+    assert 0.75 * single["heading"].mean() < sigma("heading", within) < single["heading"].mean()
+    begin = compared.since["position"][within[:1]]
+    assert sigma("position", begin) == pytest.approx(0.0, abs=1e-3), "positions are counted from there"
+
+
 def test_a_lane_is_off_by_what_it_was_put_off_by(flight: Flight, best: BestEstimate) -> None:
     """Of three quantities at once; positions begin together, whatever their zero."""
     off = np.array([0.02, -0.01, 0.1])
