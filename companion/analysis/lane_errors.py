@@ -226,3 +226,12 @@ def apart(one: LaneErrors, other: LaneErrors, where: BoolArray) -> dict[str, flo
             difference = (e - other.error[quantity])[known]
             sizes[quantity] = float(np.sqrt((difference**2).sum(axis=1).mean())) / healthy_bound(quantity)
     return sizes
+
+
+def alike(one: LaneErrors, other: LaneErrors, where: BoolArray) -> bool:
+    """Whether two lanes differ by less than 1σ of a healthy one in every quantity over keyframes (K,).
+
+    Which of them is nearer may be known all the same: what both have in common does not hide it.
+    """
+    differ = apart(one, other, where)
+    return all(size * healthy_bound(name) < healthy.AP_SIGMA[name] for name, size in differ.items())

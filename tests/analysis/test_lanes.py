@@ -83,6 +83,17 @@ def test_of_three_lanes_two_that_nothing_tells_apart_are_both_right(flight: Flig
     assert (apart.spans[1].right, apart.spans[1].as_good) == ("EKF3 core 1", ())
 
 
+def test_a_lane_that_is_surely_worse_by_next_to_nothing_is_as_good(flight: Flight, best: BestEstimate) -> None:
+    """The errors of the best estimate are in both lanes alike: a small constant difference is told all the same."""
+    slow = lane(2, moved=lambda t: np.full((len(t), 3), [0.15, 0.15, 0.0]))
+    made = judged(flight, best, (lane(0, turned(15.0)), lane(1), slow), use((0.0, 0)))
+    _, fault = made.spans
+    assert (fault.right, fault.as_good) == ("EKF3 core 1", ("EKF3 core 2",))
+    told = next(one.nearest for one in fault.lanes if one.lane == "EKF3 core 2")
+    assert told is not None
+    assert told < 0.05
+
+
 def test_what_another_lane_than_the_flown_one_has_is_no_reason_to_change(flight: Flight, best: BestEstimate) -> None:
     made = judged(flight, best, (lane(0, turned(10.0)), lane(1)), use((0.0, 1)))
     assert made.spans[1].right is None
