@@ -207,14 +207,15 @@ def worse(one: LaneErrors, other: LaneErrors, compared: Compared, where: BoolArr
     """Whether a lane is surely the worse of two over keyframes (K,), by so much that it matters.
 
     The other one is surely nearer to the truth. And it is surely further off than a healthy one; or that is likelier
-    than not, and the two differ by more than a healthy one is off by: that is logged, and known without any σ. odds:
-    that the other one is nearer, before the best estimate has spoken.
+    than not, and the two are not alike, which is logged and known without any σ: how far off the worse one is need not
+    be certain, where that the other one was the better choice is. odds: that the other one is nearer, before the best
+    estimate has spoken.
     """
     nearer = nearer_probability(other, one, compared, where, odds)
     if nearer is None or nearer < priors.ACCUSED:
         return False
     off = off_probability(one, compared, where)
-    return off >= priors.ACCUSED or (off >= priors.PROBABLY_HARMFUL and max(apart(one, other, where).values()) > 1.0)
+    return off >= priors.ACCUSED or (off >= priors.PROBABLY_HARMFUL and not alike(one, other, where))
 
 
 def apart(one: LaneErrors, other: LaneErrors, where: BoolArray) -> dict[str, float]:

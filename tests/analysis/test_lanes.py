@@ -83,6 +83,16 @@ def test_of_three_lanes_two_that_nothing_tells_apart_are_both_right(flight: Flig
     assert (apart.spans[1].right, apart.spans[1].as_good) == ("EKF3 core 1", ())
 
 
+def test_how_far_off_a_lane_is_need_not_be_certain_where_the_better_one_is(flight: Flight, best: BestEstimate) -> None:
+    """As far off as hardly a healthy one, the other less; both differ by less than that, and by more than 1σ."""
+    most = float(np.degrees(healthy_bound("heading")))
+    made = judged(flight, best, (lane(0, turned(1.05 * most)), lane(1, turned(0.1 * most))), use((0.0, 0)))
+    assert made.spans[1].right == "EKF3 core 1"
+    near = judged(flight, best, (lane(0, turned(1.05 * most)), lane(1, turned(0.95 * most))), use((0.0, 0)))
+    assert not near.spans[1].lanes[1].off
+    assert near.spans[1].right is None
+
+
 def test_a_lane_that_is_surely_worse_by_next_to_nothing_is_as_good(flight: Flight, best: BestEstimate) -> None:
     """The errors of the best estimate are in both lanes alike: a small constant difference is told all the same."""
     slow = lane(2, moved=lambda t: np.full((len(t), 3), [0.15, 0.15, 0.0]))
