@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from companion.analysis import Cause, Finding, Lanes, judge_lanes
@@ -184,7 +185,7 @@ def test_an_error_of_the_best_estimate_counts_for_as_long_as_it_lasts(flight: Fl
     compared = compare_lanes(flight, best, [lane(0)])
     within = np.flatnonzero(compared.within(10.0, 50.0))
 
-    def sigma(quantity: str, at: Array) -> float:
+    def sigma(quantity: str, at: npt.NDArray[np.intp]) -> float:
         weights = np.zeros((len(best.t), compared.covariance[quantity].shape[-1]))
         weights[at, 0] = 1.0 / at.size
         return compared.sigma_of_sum({quantity: weights})
