@@ -289,6 +289,15 @@ def at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
     return first
 
 
+def keyframe_at_first(where: BoolArray, which: IntArray) -> IntArray:
+    """(K,) the keyframe in the middle of those that `at_first` takes the median of."""
+    first = np.zeros(len(which), np.intp)
+    for one in np.unique(which[where]):
+        early = _early(where & (which == one))
+        first[which == one] = early[len(early) // 2]
+    return first
+
+
 def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:
     """(K,) rad, the error of a heading less what a calibrated compass does to one that follows it, in part or wholly.
 

@@ -17,6 +17,7 @@ from companion.analysis.finding import Cause, Finding
 from companion.analysis.lane_errors import (
     Compared,
     LaneErrors,
+    alike,
     apart,
     compare_lanes,
     nearer_probability,
@@ -71,14 +72,7 @@ class LaneSpan:
     right: str | None  # the lane that none is surely nearer than, nor differs from by what matters, where one that
     # flew was off; None elsewhere
     readers: tuple[str, ...] | None = None  # the lanes that read the sensor that was wrong; None: not known, or none
-
-    @property
-    def as_good(self) -> tuple[str, ...]:
-        """The other lanes that nothing tells from the right one."""
-        if self.right is None:
-            return ()
-        untold = (one for one in self.lanes if one.nearest is not None and one.nearest > 1.0 - priors.ACCUSED)
-        return tuple(one.lane for one in untold if one.lane != self.right)
+    as_good: tuple[str, ...] = ()  # the others that nothing tells from the right one, or that are alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +180,16 @@ def _span(
     errors = {one.lane.name: one for one in compared.lanes}
     best = _nearest([errors[one.lane] for one in sorted(known, key=_rank)], compared, where, odds)
     matters = best is not None and any(worse(errors[n], best, compared, where, odds.of(best, errors[n])) for n in flown)
-    right = best.lane.name if best is not None and matters else None
-    return LaneSpan(start, end, what, flown, tuple(known), right, sharing)
+    if best is None or not matters:
+        return LaneSpan(start, end, what, flown, tuple(known), None, sharing)
+    as_good = tuple(
+        one.lane
+        for one in known
+        if one.nearest is not None
+        and one.lane != best.lane.name
+        and (one.nearest > 1.0 - priors.ACCUSED or alike(best, errors[one.lane], where))
+    )
+    return LaneSpan(start, end, what, flown, tuple(known), best.lane.name, sharing, as_good)
 
 
 def _rank(one: LaneInSpan) -> float:

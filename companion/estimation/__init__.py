@@ -29,6 +29,7 @@ from companion.estimation.model import (
     BestEstimate,
     ConfusionMatrix,
     ConstantErrors,
+    Correlation,
     Explained,
     Identifiability,
     ProcessNoise,

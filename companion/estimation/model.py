@@ -237,6 +237,14 @@ class Correlation:
         variance = np.diagonal(own + own[since] - cross - cross.swapaxes(-1, -2), axis1=1, axis2=2)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
+    def variance_of_sum(self, weights: Array) -> float:
+        """The variance of the sum of all errors of all keyframes, each times its weight (K, n), of the first n."""
+        whole = np.zeros((*self.border.shape[:2], 1))
+        whole[:, : weights.shape[1], 0] = weights
+        of_constants = np.tensordot(self.border, whole, axes=((0, 1), (0, 1)))
+        variance = (whole * self.factor.solve(whole)).sum() + (of_constants.T @ self.constants @ of_constants).sum()
+        return max(float(variance), 0.0)
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BestEstimate:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from companion.analysis import Cause, Finding, Lanes, judge_lanes
@@ -83,6 +84,27 @@ def test_of_three_lanes_two_that_nothing_tells_apart_are_both_right(flight: Flig
     assert (apart.spans[1].right, apart.spans[1].as_good) == ("EKF3 core 1", ())
 
 
+def test_how_far_off_a_lane_is_need_not_be_certain_where_the_better_one_is(flight: Flight, best: BestEstimate) -> None:
+    """As far off as hardly a healthy one, the other less; both differ by less than that, and by more than 1σ."""
+    most = float(np.degrees(healthy_bound("heading")))
+    made = judged(flight, best, (lane(0, turned(1.05 * most)), lane(1, turned(0.1 * most))), use((0.0, 0)))
+    assert made.spans[1].right == "EKF3 core 1"
+    near = judged(flight, best, (lane(0, turned(1.05 * most)), lane(1, turned(0.95 * most))), use((0.0, 0)))
+    assert not near.spans[1].lanes[1].off
+    assert near.spans[1].right is None
+
+
+def test_a_lane_that_is_surely_worse_by_next_to_nothing_is_as_good(flight: Flight, best: BestEstimate) -> None:
+    """The errors of the best estimate are in both lanes alike: a small constant difference is told all the same."""
+    slow = lane(2, moved=lambda t: np.full((len(t), 3), [0.15, 0.15, 0.0]))
+    made = judged(flight, best, (lane(0, turned(15.0)), lane(1), slow), use((0.0, 0)))
+    _, fault = made.spans
+    assert (fault.right, fault.as_good) == ("EKF3 core 1", ("EKF3 core 2",))
+    told = next(one.nearest for one in fault.lanes if one.lane == "EKF3 core 2")
+    assert told is not None
+    assert told < 0.05
+
+
 def test_what_another_lane_than_the_flown_one_has_is_no_reason_to_change(flight: Flight, best: BestEstimate) -> None:
     made = judged(flight, best, (lane(0, turned(10.0)), lane(1)), use((0.0, 1)))
     assert made.spans[1].right is None
@@ -156,6 +178,24 @@ def test_of_two_lanes_one_is_the_nearer(flight: Flight, best: BestEstimate) -> N
     assert p + q == pytest.approx(1.0)
     assert p > 0.5
     assert nearer_probability(first, first, compared, where) == 0.5
+
+
+def test_an_error_of_the_best_estimate_counts_for_as_long_as_it_lasts(flight: Flight, best: BestEstimate) -> None:
+    """Of a velocity that is off for seconds little is left in the mean, of a heading by the compass most."""
+    compared = compare_lanes(flight, best, [lane(0)])
+    within = np.flatnonzero(compared.within(10.0, 50.0))
+
+    def sigma(quantity: str, at: npt.NDArray[np.intp]) -> float:
+        weights = np.zeros((len(best.t), compared.covariance[quantity].shape[-1]))
+        weights[at, 0] = 1.0 / at.size
+        return compared.sigma_of_sum({quantity: weights})
+
+    single = {name: np.sqrt(own[within, 0, 0]) for name, own in compared.covariance.items()}
+    assert sigma("velocity", within[7:8]) == pytest.approx(single["velocity"][7])
+    assert sigma("velocity", within) < 0.5 * single["velocity"].mean()
+    assert 0.75 * single["heading"].mean() < sigma("heading", within) < single["heading"].mean()
+    begin = compared.since["position"][within[:1]]
+    assert sigma("position", begin) == pytest.approx(0.0, abs=1e-3), "positions are counted from there"
 
 
 def test_a_lane_is_off_by_what_it_was_put_off_by(flight: Flight, best: BestEstimate) -> None:

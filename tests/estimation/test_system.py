@@ -124,6 +124,11 @@ def test_the_covariances_are_those_of_the_dense_inverse(
         expected = np.diagonal(one_from_other @ inverse @ one_from_other.T)
         np.testing.assert_allclose(changed[k], np.sqrt(np.maximum(expected, 0.0)), atol=1e-6)
 
+    weights = np.random.default_rng(3).normal(size=(COUNT, 2))
+    row = np.zeros((1, len(inverse)))
+    row[0, : COUNT * STATES].reshape(COUNT, STATES)[:, :2] = weights
+    assert known.variance_of_sum(weights) == pytest.approx(float((row @ inverse @ row.T).item()))
+
     of_motion = motion_residual_covariance(motion, solution, solution.factor.inverse_blocks())
     step, constants = 3, slice(COUNT * STATES, None)
     row = np.zeros((STATES, len(inverse)))

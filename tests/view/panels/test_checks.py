@@ -9,6 +9,8 @@ import viser
 
 from companion.analysis import Check, LaneError, LaneInSpan, Lanes, LaneSpan, Preflight
 from companion.analysis.lane_errors import Compared
+from companion.estimation import Correlation
+from companion.estimation.block_tridiagonal import Factor
 from companion.view import FlightChecks
 from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
 from tests.simulated import free_port
@@ -16,6 +18,7 @@ from tests.view.browser_messages import Tags
 from tests.view.panels.test_live_panel import EVIL
 
 NOTHING = np.zeros(0)
+UNKNOWN = Correlation(Factor((), NOTHING, NOTHING), NOTHING, NOTHING)
 CHECKS = (
     Check("gyro_bias", "IMU[0]", 1e-3, 5e-4, 18e-3, "rad/s", "go", 0.0, autopilot="Gyros not calibrated"),
     Check("compass_heading", EVIL, 0.9, 0.05, 0.35, "rad", "no_go", 1.0),
@@ -38,7 +41,7 @@ def lanes() -> Lanes:
         return LaneInSpan(name, (LaneError("tilt", "rad", 9, tilt, tilt, tilt, 5.0, 1e-3),), nearest, tilt > 0.05)
 
     span = LaneSpan(1.0, 9.0, "flight", ("core 0",), (lane("core 0", 0.1, 0.01), lane("core 1", 0.01, 0.99)), "core 1")
-    return Lanes((), None, (span,), (), Compared(NOTHING, NOTHING > 0, {}, ()), ())
+    return Lanes((), None, (span,), (), Compared(NOTHING, NOTHING > 0, {}, (), UNKNOWN), ())
 
 
 def test_a_lane_has_a_column_and_a_quantity_a_row() -> None:
