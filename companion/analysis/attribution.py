@@ -117,7 +117,8 @@ def _of_interval(
         severity = "error"
     if severity == "info" and not is_sized(interval, best):
         return None
-    from_start = interval.start - num.ONSET_SIGMAS * interval.start_sigma <= times_of_change(best.t)[0]
+    lasting = not (interval.slow and interval.side == "imu")  # what grows is none of calibration or mounting
+    from_start = lasting and interval.start - num.ONSET_SIGMAS * interval.start_sigma <= times_of_change(best.t)[0]
     if from_start and interval.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(interval, best)
     side: Side = "imu" if interval.side == "imu" else "autopilot" if harmed else "data"

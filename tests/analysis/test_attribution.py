@@ -463,6 +463,16 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
         assert [one.side for one in findings_of(fault_intervals(late), (), late)] == [side]
 
 
+def test_a_gyro_that_warms_from_the_beginning_on_is_accused(best: BestEstimate) -> None:
+    """What grows in the flight is none of calibration or mounting."""
+    begin, rate = float(best.t[0]) + 1.0, 1e-3
+    warms = replace(step(begin, np.inf, rate), shape="ramp", size=np.array([0.0, 0.0, rate]), sigma=np.full(3, 1e-6))
+    (interval,) = fault_intervals(replace(best, explained=(warms,)))
+    assert interval.slow
+    (finding,) = findings_of((interval,), (), replace(best, explained=(warms,)))
+    assert (finding.side, finding.severity) == ("imu", "error")
+
+
 def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
     noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
