@@ -15,8 +15,7 @@ PAUSE_S = 4.0  # between the begins of two judgements
 _AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
 _SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
-_COSTS_S = _AGE_S / (1.0 + _SHARE)  # of the processor, for one: then the next, which waits for its share, ends in time.
-# What took more is shortened in proportion: the newest seconds come first
+_COSTS_S = 2.0  # of the processor that one may take: what took more is shortened in proportion, the newest come first
 _LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
 _AT_ONCE = 1.4  # times those that were shortened, at most: the onset of what cost much must not be lost for it
 
