@@ -152,6 +152,7 @@ def next_adaptation(
 
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
+    It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew.
     """
     begin = replace(settled, states=start.states) if settled.noise.contradicts(shown) else replace(settled, near=True)
     usual = trials(linear.problem, linear.solution)
