@@ -248,7 +248,7 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
-        (best.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
+        (best.noise.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
         (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
          _ANOTHER),
         (sensor is not None,

@@ -181,28 +181,33 @@ def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> fl
     """
     e, d = linear.solution.disturbances
     own = noise.gyro_walk**2 * np.diff(setup.t)[usual, None]
-    believed = 0.5 / np.log(healthy.GYRO_WALK_SPREAD) ** 2 / len(usual)
+    believed = _observations(healthy.GYRO_WALK_SPREAD) / len(usual)
     above = (e[usual, GYRO_BIAS] ** 2 * own).sum(axis=1) + believed * (START.gyro_walk / noise.gyro_walk) ** 2
     below = (np.einsum("kii->ki", d[usual, GYRO_BIAS, GYRO_BIAS]) * own).sum(axis=1) + believed
     return 0.5 * float(np.log(_typical(above, below)))
 
 
 def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:
-    """By how much the logarithm of the σ of every slow error changes: as of the IMU's noise, with a log-normal prior.
-
-    A prior of ln σ with standard deviation s is worth 1 / (2 s²) observations of σ (its Fisher information is 2 each).
-    """
+    """By how much the logarithm of each slow error's σ changes: as of the IMU's noise, with a log-normal prior."""
     e, d = linear.solution.disturbances
     apart = np.diff(setup.t)
     steps = {}
     for name, place in setup.slow.items():
         median, spread, time = SLOW[name]
         gained = (1.0 - np.exp(-2.0 * apart / time))[:, None]
-        variance, believed = slow[name] ** 2, 0.5 / np.log(spread) ** 2
+        variance, believed = slow[name] ** 2, _observations(spread)
         above = float((e[:, place] ** 2 * gained).sum()) * variance + believed * median**2 / variance
         below = float((np.einsum("kii->ki", d[:, place, place]) * gained).sum()) * variance + believed
         steps[name] = 0.5 * float(np.log(above / below))
     return steps
+
+
+def _observations(spread: float) -> float:
+    """How many observations of σ a log-normal prior is worth whose 1σ is a factor: their Fisher information is 2 each.
+
+    With s = ln(spread) that of the prior of ln σ is 1 / s².
+    """
+    return 0.5 / float(np.log(spread)) ** 2
 
 
 def _further(step: float, before: Change | None) -> Change:

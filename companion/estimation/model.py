@@ -305,11 +305,6 @@ class BestEstimate:
         """Whether the IMU fits the other aiding sensors only with far more noise than it shows, at any time."""
         return self.noise.contradicts(self.scatter)
 
-    @property
-    def gyro_wanders(self) -> bool:
-        """Whether the bias of the gyro walks by more than those of parts in order do."""
-        return self.noise.gyro_wanders
-
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance[:, block, block], axis1=1, axis2=2)))
