@@ -12,7 +12,7 @@ import companion as c
 from companion.analysis import GENERIC, Finding, assess
 from companion.analysis.comparison import compare
 from companion.analysis.findings.outages import interference_findings, outage_findings, poor_gps_findings
-from companion.model import Flight, Series
+from companion.model import Flight, SensorInUse, Series
 from tests.flights import CIRCLE, flown
 from tests.recordings import recording
 
@@ -98,6 +98,22 @@ def test_an_estimator_that_rejects_its_gps_dead_reckons(source: str, bit: int, r
         told = replace(flown(CIRCLE), series={"estimator": Series(t, flags[:, None], ("flags",), source)})
         assert [kind for kind, *_ in lines(told)] == said
     assert lines(told)[0][1:] == pytest.approx((30.0, 42.0), abs=0.2)
+
+
+@pytest.mark.parametrize("flew", [0, 1])
+@pytest.mark.parametrize("rejects", [0, 1])
+def test_an_estimator_that_did_not_fly_may_reject_its_gps(flew: int, rejects: int) -> None:
+    t = np.arange(BEGIN, END, 0.2)
+    rejected = np.where((t >= 30.0) & (t <= 42.0), 0b11111 | 1 << 10, 0b11111)
+    series = {
+        f"estimator{':' * number}{source if number else ''}": Series(
+            t, np.where(number == rejects, rejected, 0b11111)[:, None].astype(float), ("flags",), source, number
+        )
+        for number, source in enumerate(("estimator_status", "estimator_status_1"))
+    }
+    used = SensorInUse(np.array([BEGIN]), np.array([flew]), "estimator_selector_status")
+    told = replace(flown(CIRCLE), series=series, lane_in_use=used)
+    assert [kind for kind, *_ in lines(told)] == ["dead_reckoned"] * (flew == rejects)
 
 
 @pytest.mark.parametrize(("flags", "says"), [(0b00111, True), (0b11111, False), (np.nan, False)])

@@ -5,6 +5,7 @@ Also here: findings about the autopilot: its estimate jumps where the IMU felt n
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -172,13 +173,13 @@ def _dead_reckoned(span: Span, why: str, then: str) -> Finding:
 
 
 def _rejected(flight: Flight) -> Iterator[Span]:
-    """Where in flight the estimator says without a break, for more than 5 s, that it rejects its GPS."""
-    one = flight.series.get("estimator")
-    bits = 0 if one is None else check.GPS_REJECTED.get(one.source.partition("[")[0], 0)
-    if one is None or not bits or "flags" not in one.columns:
-        return
-    rejecting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
-    yield from _long(flight, one.t, rejecting)
+    """Where in flight the estimator that flew says without a break, for more than 5 s, that it rejects its GPS."""
+    every, flew = list(of_kind(flight.series, "estimator")), flight.lane_in_use
+    for one in every[:1] if flew is None else every:
+        bits = check.GPS_REJECTED.get(re.sub(r"[_[]\d+]?$", "", one.source), 0)  # of whichever instance
+        if bits and "flags" in one.columns:
+            rejecting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
+            yield from _long(flight, one.t, rejecting if flew is None else rejecting & (flew.at(one.t) == one.instance))
 
 
 def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
