@@ -109,7 +109,7 @@ def rendered(of: present.Table) -> Table:
         head = _line(*(n if len(n) <= _WIDTH else f"{n[:3]}." for n in names)) if title else names[0]
         is_text = title or of.columns[places[0]].is_text
         heading = f"{title:^{len(head)}}\n{head}" if has_groups else head
-        shown.add_column(heading, justify="left" if is_text else "right", no_wrap=True)
+        shown.add_column(heading, justify="left" if is_text else "right", no_wrap=bool(title), overflow="fold")
     for row in of.rows:
         cells = [_cell(cell) for cell in row]
         shown.add_row(*(_line(*(cells[i] for i in places)) if title else cells[places[0]] for title, places in groups))
