@@ -19,6 +19,7 @@ from companion.analysis.fault_interval import (
     FaultInterval,
     cause_of,
     described,
+    imu_at,
     is_sized,
     likelihoods,
     own_odds,
@@ -61,7 +62,7 @@ def _in_use(interval: FaultInterval, best: BestEstimate, in_use: SensorInUse | N
     """Whether the autopilot may have flown on the IMU whose fault it is."""
     if in_use is None:
         return interval.imu is None
-    return in_use.uses(best.imu.instance if interval.imu is None else interval.imu, interval.start, interval.end)
+    return in_use.uses(imu_at(interval, best, interval.imu), interval.start, interval.end)
 
 
 def _which_imu(interval: FaultInterval, best: BestEstimate) -> str:

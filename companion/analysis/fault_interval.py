@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from companion.estimation import (
     Rival,
     Size,
     activation,
+    fault_of_size,
     hypothesis_of,
     main_axis,
     probabilities,
@@ -122,13 +123,39 @@ def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEst
             side,
             cause.onset,
             cause.onset_sigma,
-            float(grid[final]) if final < len(grid) - 1 else np.inf,
+            _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, side, best),
             level[peak],
             float(sigma[peak]),
-            max((p for p in parts if p.onset <= grid[final] and p.end >= grid[first]), key=_fault_odds).rivals,
+            _rivals(
+                [p for p in parts if p.onset <= grid[final] and p.end >= grid[first]], level[peak], sigma[peak], best
+            ),
             cause.shape in SLOPED,
             cause.imu,
         )
+
+
+def _end_of(end: float, cause: Explained, side: str, best: BestEstimate) -> float:
+    """Of the estimate's own IMU no later than when the readings become those of another one."""
+    own = best.imu.switches if side == "imu" and cause.imu is None else ()
+    return min([end, *(when for when, _ in own if when > cause.onset + cause.onset_sigma)])
+
+
+def imu_at(interval: FaultInterval, best: BestEstimate, imu: int | None) -> int:
+    """An IMU that an interval or one of its rivals names; None: whose readings the estimate's own are then."""
+    return int(best.imu.instance_at(np.array([interval.start + interval.start_sigma]))[0]) if imu is None else imu
+
+
+def _rivals(parts: list[Explained], size: Array, sigma: float, best: BestEstimate) -> tuple[Rival, ...]:
+    """Those of the likeliest of the parts of one interval, whose size is that of all together."""
+    likeliest = max(parts, key=_fault_odds)
+    if len(parts) == 1:
+        return likeliest.rivals
+    flight = float(best.t[0]), float(best.t[-1])
+    fault = fault_of_size(likeliest.kind, size, float(sigma), flight, likeliest.imu)
+    return tuple(
+        replace(one, fault=max(one.fault, fault)) if (one.kind, one.imu) == (likeliest.kind, likeliest.imu) else one
+        for one in likeliest.rivals
+    )
 
 
 def _fault_odds(part: Explained) -> float:
@@ -218,7 +245,7 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
         consequences=consequences,
-        imu=(best.imu.instance if interval.imu is None else interval.imu) if interval.side == "imu" else None,
+        imu=imu_at(interval, best, interval.imu) if interval.side == "imu" else None,
     )
 
 
@@ -229,7 +256,9 @@ def described(interval: FaultInterval, best: BestEstimate) -> str:
     if is_sized(interval, best):
         what = hypothesis_of(interval.kind).phrase(_size(interval, best))
     if interval.imu is not None:
-        what = f"IMU {interval.imu}, compared with IMU {best.imu.instance}: {what}"
+        what = f"IMU {interval.imu}, compared with IMU {imu_at(interval, best, None)}: {what}"
+    elif interval.side == "imu" and best.imu.switches:
+        what = f"IMU {imu_at(interval, best, None)}: {what}"
     since = f"from {interval.start:.1f} ± {interval.start_sigma:.1f} s"
     if interval.start - interval.start_sigma < best.t[0]:  # it may have been there from the beginning
         since = f"from before {interval.start + interval.start_sigma:.1f} s"
@@ -254,7 +283,7 @@ def probability_by_imu(interval: FaultInterval, best: BestEstimate) -> dict[int,
     share = np.exp([one.fault_log_odds - max(other.fault_log_odds for other in odds) for one in odds])
     out: dict[int, float] = {}
     for one, part in zip(odds, share / share.sum(), strict=True):
-        instance = best.imu.instance if one.imu is None else one.imu
+        instance = imu_at(interval, best, one.imu)
         out[instance] = out.get(instance, 0.0) + float(part)
     return dict(sorted(out.items(), key=lambda pair: -pair[1]))
 

@@ -9,7 +9,7 @@ from companion.estimation.compass_orientation import TurnedCompass, righted, tur
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import in_blocks
 from companion.estimation.earth_field import field_at
-from companion.estimation.evidence import harmful, probabilities
+from companion.estimation.evidence import fault_of_size, harmful, probabilities
 from companion.estimation.gaps import clip_counters
 from companion.estimation.hypotheses import (
     AIDING,
@@ -52,7 +52,7 @@ from companion.estimation.noise_density import (
 from companion.estimation.rest import at_rest
 from companion.estimation.search import times_of_change
 from companion.estimation.shapes import SLOPED, activation
-from companion.estimation.smoother import smooth
+from companion.estimation.smoother import Effort, smooth
 from companion.estimation.spectrum import (
     Peak,
     Spectrum,

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import harm, healthy, num
@@ -39,6 +40,7 @@ class Blocks:
     instance: int
     source: str
     t: Array  # (B,) s, boot clock, middles
+    used: npt.NDArray[np.int64]  # (B,) the IMU whose readings the estimate's own are
     width: float  # s
     value: Mapping[str, Array]  # (B, 3)
     slower: Mapping[str, Array]  # (B, 3) what the slower of the two reads
@@ -115,7 +117,7 @@ def in_blocks(
 
     span: boot times (s) to which they are confined. untrusted: stretches (s) in which those of `used` are no readings.
     """
-    others = (track for track in flight.each_imu() if track.instance != used.instance)
+    others = (one for one in flight.each_imu(alone=True) if used.switches or one.instance != used.instance)
     made = (_difference(flight, used, track, span, untrusted) for track in others)
     return tuple(one for one in made if one is not None)
 
@@ -124,7 +126,7 @@ def differences(blocks: Sequence[Blocks]) -> tuple[Differences, ...]:
     """How well each difference is known, beside what it is."""
 
     def known(one: Blocks) -> Differences:
-        weight = {sensor: _weight(sensor, one.t, one.value[sensor], one.scatter[sensor]) for sensor in one.value}
+        weight = {sensor: _weight(sensor, one, one.value[sensor], one.scatter[sensor]) for sensor in one.value}
         return Differences(**{field.name: getattr(one, field.name) for field in fields(one)}, weight=weight)
 
     return tuple(map(known, blocks))
@@ -152,6 +154,7 @@ def _difference(
     inside &= fast.t[i] - fast.t[i - 1] < 3.0 / fast.rate_hz
     for first, last in untrusted:
         inside &= (slow.t < first) | (slow.t > last)
+    inside &= used.instance_at(slow.t) != other.instance
     armed = flight.armed(slow.t, slow.t)
     if armed is not None and armed.any():
         inside &= armed
@@ -175,7 +178,9 @@ def _difference(
             value[sensor][mine] = _means(off[inner])
             slower[sensor][mine], scatter[sensor][mine] = read[inner].mean(axis=1), off[inner].std(axis=1)
         aliased[sensor] = healthy.ALIASED * np.median(scatter[sensor], axis=0)
-    return Blocks(other.instance, other.source, middle, width, value, slower, scatter, aliased)
+    return Blocks(
+        other.instance, other.source, middle, used.instance_at(middle), width, value, slower, scatter, aliased
+    )
 
 
 def _means(values: Array) -> Array:
@@ -188,17 +193,19 @@ def _means(values: Array) -> Array:
     return np.asarray((values * usual).sum(axis=1) / usual.sum(axis=1))
 
 
-def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
-    """(3, B, B) inverse covariances of differences off (B, 3) at t (B,): a random walk and white noise.
+def _weight(sensor: str, one: Blocks, off: Array, scatter: Array) -> Array:
+    """(3, B, B) inverse covariances of differences off (B, 3) in blocks: a random walk and white noise.
 
-    Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard.
+    Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard,
+    or the estimate's own readings are those of another IMU.
     Both noises by the median square of changes from one block to the next and over some, about their median: a step
     hardly moves it, nor does a steady drift, which is a fault's or a warming part's. A block in which readings scatter
     more, by scatter (B, 3), or which stands apart from those about it, is known by less.
     """
+    t = one.t
     lags = (1, max(2, min(num.DIFF_MAX_LAG, len(t) // 8)))
     changes = [off[lag:] - off[:-lag] for lag in lags]
-    near, far = (np.median((one - np.median(one, axis=0)) ** 2, axis=0) / num.CHI_SQUARE_MEDIAN for one in changes)
+    near, far = (np.median((c - np.median(c, axis=0)) ** 2, axis=0) / num.CHI_SQUARE_MEDIAN for c in changes)
     once, often = (float(np.median(t[lag:] - t[:-lag])) for lag in lags)
     walk = np.maximum((far - near) / max(often - once, 1e-9), healthy.DIFF_MIN_WALK[sensor] ** 2)
     white = np.maximum(0.5 * (near - walk * once), healthy.DIFF_MIN_NOISE[sensor] ** 2)
@@ -209,7 +216,8 @@ def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
     weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
-    stretch = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
+    anew = (np.diff(t, prepend=t[0]) > num.DIFF_GAP_S) | (np.diff(one.used, prepend=one.used[0]) != 0)
+    stretch = np.cumsum(anew)
     for part in np.unique(stretch):
         total = weight[:, :, stretch == part].sum(axis=2)
         weight = weight - total[:, :, None] * total[:, None, :] / total[:, stretch == part].sum(axis=1)[:, None, None]

@@ -153,6 +153,17 @@ def trial(
     return Trial(hypothesis, shape, onset, end, weight, *scores, flight, imu)
 
 
+def fault_of_size(kind: str, size: Array, sigma: float, flight: tuple[float, float], imu: int | None) -> float:
+    """Probability, if it occurred, that a size (m,) of a kind that is known to sigma is harmful, and no nuisance.
+
+    Of what was found in several parts, each of which may be harmless.
+    """
+    onset, end, weight = np.array([flight[0]]), np.array([np.inf]), np.ones(1)
+    information = np.maximum(sigma, 1e-300) ** -2.0
+    b, v = information * size[None], information * np.eye(len(size))[None]
+    return trial(hypothesis_of(kind), "step", (onset, end, weight), flight, b, v, imu=imu).fault
+
+
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
     """Log evidence (T, D) of sizes with 1σ (T,), of b (T, m, D) and v (T, m, m).
 

@@ -12,7 +12,7 @@ from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.candidate import Candidate, with_candidate
-from companion.estimation.hypotheses import Problem
+from companion.estimation.hypotheses import Problem, hypothesis_of
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -127,6 +127,8 @@ def linearise(
         wander = [w * (1 + lasted) for w in healthy.UNHEARD_MOTION] + [w * unheard for w in healthy.BIAS_SIGMA]
         wide = np.concatenate([np.repeat(one, 3, axis=1) for one in wander], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
+    for kind, block in (("gyro_bias", GYRO_BIAS), ("accel_bias", ACCEL_BIAS)):  # of another IMU, which may be at fault
+        covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
     back = turn.swapaxes(-1, -2)
     shift = _shift(path, states, turn)
     transition, constants = turn @ path.transition @ back, _motion_constants(path, turn)

@@ -44,6 +44,7 @@ class Setup:
     index: Index  # (K,) samples at which keyframes stand
     t: Array  # (K,) s
     broken: BoolArray  # (K-1,) whether the IMU has a gap between two keyframes
+    switched: BoolArray  # (K-1,) whether the readings are those of another IMU from then on
     readings: tuple[Readings, ...]
     origin: Origin | None
     gravity: float
@@ -58,10 +59,18 @@ class Setup:
     others: tuple[Differences, ...]  # what the other IMUs read more
 
 
-def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, untrusted: Sequence[Span] = ()) -> Setup:
+def set_up(
+    flight: Flight,
+    imu: str | None,
+    gravity: float,
+    span: Span | None,
+    untrusted: Sequence[Span] = (),
+    keyframes: int = num.KEYFRAMES,
+) -> Setup:
     """The problem of a flight. Raises NoEstimateError where its IMU cannot carry one.
 
     untrusted: stretches (s) in which the IMU's readings are none: stuck, frozen, at the end of the range.
+    keyframes: about so many, as far as they may lie apart.
     """
     track = undelayed(flight.imu(imu))
     if span is not None:
@@ -79,7 +88,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
     lasts = float(track.t[-1] - track.t[0])
-    spacing = float(np.clip(lasts / num.KEYFRAMES, *num.KEYFRAME_SPACING_S))
+    spacing = float(np.clip(lasts / keyframes, *num.KEYFRAME_SPACING_S))
     spacing = max(spacing, lasts / num.MAX_KEYFRAMES, 1.5 / track.rate_hz)
     index = _keyframes(track, gps.t[gps.fix_type >= 3] - healthy.GPS_LATENCY_S if gps is not None else None, spacing)
     t = track.t[index]
@@ -98,7 +107,8 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
     others = differences(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
     track = restored(track, np.diff(track.t) > longest)
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
+    switched = np.diff(track.instance_at(t)) != 0
+    return Setup(track, index, t, broken, switched, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
                  aliased, tuple(notes), _slow_places(readings), scattering, others)  # fmt: skip
 
 

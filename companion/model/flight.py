@@ -185,14 +185,16 @@ class Flight:
         """With these readings in place of those of the same message."""
         return replace(self, imus={**self.imus, track.source: track})
 
-    def each_imu(self, fewest: int = 2) -> tuple[ImuTrack, ...]:
+    def each_imu(self, fewest: int = 2, *, alone: bool = False) -> tuple[ImuTrack, ...]:
         """One track of every IMU that has samples enough: of several messages that with the highest rate.
+
+        alone: of those that are of one IMU throughout.
 
         One that the estimator's biases have been taken off counts as a quarter: it steps as these do, and PX4's
         HIGHRES_IMU goes on with another sensor when the selector changes.
         """
         tracks: dict[int, ImuTrack] = {}
-        for track in (one for one in self.imus.values() if len(one) >= fewest):
+        for track in (one for one in self.imus.values() if len(one) >= fewest and not (alone and one.switches)):
             known = tracks.setdefault(track.instance, track)
             tracks[track.instance] = max(known, track, key=lambda one: one.rate_hz / (4 if one.bias_removed else 1))
         return tuple(tracks.values())

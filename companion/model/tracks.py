@@ -137,6 +137,9 @@ class ImuTrack(Checked):
     accel_low_pass_hz: float | None = None
     gyro_range: float | None = None  # rad/s, where the gyro saturates; None: unknown
     accel_range: float | None = None  # m/s²
+    switches: tuple[
+        tuple[float, int], ...
+    ] = ()  # s, the IMU whose readings these are from then on; empty: of one alone
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -162,6 +165,13 @@ class ImuTrack(Checked):
         middle = median(intervals)
         usual = intervals[np.abs(intervals - middle) < _USUAL * middle]
         return 1.0 / float(usual.mean() if len(usual) else middle)
+
+    def instance_at(self, t: Array) -> npt.NDArray[np.int64]:
+        """(N,) whose readings they are at times t (N,) s; before the first switch those of the first."""
+        if not self.switches:
+            return np.full(len(t), self.instance)
+        when, instance = (np.array(column) for column in zip(*self.switches, strict=True))
+        return np.asarray(instance[np.maximum(np.searchsorted(when, t, side="right") - 1, 0)])
 
     @property
     def low_pass_hz(self) -> float | None:

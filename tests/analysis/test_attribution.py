@@ -404,6 +404,19 @@ def test_a_fault_that_misled_nobody_is_a_warning_and_accuses_nobody(
     assert (finding.kind, finding.side, finding.severity) == ("compass_turn", "data", severity)
 
 
+@pytest.mark.parametrize(("parts", "sure"), [(1, False), (2, True), (3, True)])
+def test_several_parts_of_one_error_are_a_fault_by_what_they_sum_to(
+    best: BestEstimate, parts: int, *, sure: bool
+) -> None:
+    each = accepted("compass_iron", 16.0, 0.0, 0.0, onset=0.0, sigma=0.2)
+    explained = tuple(
+        replace(each, onset=ONSET + i, rivals=(Rival("compass_iron", "step", 50.0, 0.0),)) for i in range(parts)
+    )
+    (interval,) = fault_intervals(replace(best, explained=explained))
+    assert interval.size == pytest.approx([16.0 * parts, 0.0, 0.0])
+    assert (interval.rivals[0].fault > 0.95) is sure
+
+
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
     found = estimator_deviations(headed(flight, 40.0), faulty, Limits())

@@ -64,6 +64,30 @@ def test_an_error_of_the_estimates_own_imu_is_no_other_ones(siblings: int) -> No
     assert one.size == pytest.approx([0.0, 0.02, 0.0], abs=2e-3)
 
 
+@pytest.mark.parametrize("others", [(0,), (0, 1), (0, 1, 2)], ids=["one", "two", "three"])
+def test_readings_that_go_on_with_another_imu_are_each_ones_own(others: tuple[int, ...]) -> None:
+    """PX4's sensor_combined: a fault lasts until the selector leaves the IMU that has it, and no other is accused."""
+    at, wrong = 34.0, sibling(instance=0, gyro=step(0.0, 0.02, 0.0))
+    right = sibling(gyro=np.array([0.0, 0.004, -0.003]))
+    later = (right.t >= at)[:, None]
+    mixed = replace(
+        right,
+        source="sensor_combined",
+        instance=0,
+        gyro=np.where(later, right.gyro, wrong.gyro),
+        accel=np.where(later, right.accel, wrong.accel),
+        switches=((0.0, 0), (at, 1)),
+    )
+    whole = [[wrong, right, sibling(instance=2)][number][::5] for number in others]
+    flight = replace(flown(), imus={one.source: one for one in (mixed, *whole)})
+    assert {one.instance for one in in_blocks(flight, mixed)} == set(others)
+    best = smooth(flight, "sensor_combined")
+    assert faults(best) == [(None, "gyro_bias")]
+    one = next(one for one in best.explained if one.imu is None)
+    assert one.onset == pytest.approx(ONSET, abs=1.0)
+    assert one.size == pytest.approx([0.0, 0.02, 0.0], abs=4.0 * float(one.sigma.max()))
+
+
 def test_two_imus_in_order_accuse_none() -> None:
     assert faults(smooth(beside(sibling(), sibling(instance=2)))) == []
 

@@ -43,12 +43,14 @@ def imu_tracks(
             combined = replace(
                 combined, device_id=same.device_id, gyro_range=same.gyro_range, accel_range=same.accel_range
             )
-        if np.count_nonzero(shares) > 1:
+        switches: tuple[tuple[float, int], ...] = ()
+        if used is not None and np.count_nonzero(shares) > 1:
+            switches = tuple(used.changes)
             notes.append(
                 f"sensor_combined changes between IMUs {np.flatnonzero(shares).tolist()}; IMU {instance} has "
                 f"{100 * shares[instance]:.0f} % of it"
             )
-        tracks.append(replace(combined, instance=instance))
+        tracks.append(replace(combined, instance=instance, switches=switches))
     tracks += driver_tracks(topics, tracks, parameters, notes)
     if not any(len(track) > 1 for track in tracks):
         tracks += _filtered(topics, parameters, notes)
