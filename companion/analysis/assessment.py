@@ -38,6 +38,7 @@ from companion.estimation import (
     CONSTANTS,
     BestEstimate,
     ConstantErrors,
+    Effort,
     chi_square,
     hypothesis_of,
     other_reading,
@@ -161,9 +162,9 @@ def assess(
     correction: Correction = NO_CORRECTION,
     before: BestEstimate | None = None,
     confusion: bool = False,
-    most_causes: int = num.MAX_EXPLAINED,
+    effort: Effort = Effort(),  # noqa: B008  (frozen)
 ) -> Assessment:
-    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion, most_causes: as `smooth`."""
+    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion, effort: as `smooth`."""
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
     seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
@@ -179,7 +180,7 @@ def assess(
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison, judged = comparison.forgotten(), judged.forgotten()  # while the best estimate needs the room
-    estimate = partial(smooth, confusion=confusion, most_causes=most_causes)
+    estimate = partial(smooth, confusion=confusion, effort=effort)
     made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     turned = turned_others(seen, judged.track, faults := [*faults, *more, *frozen], best)

@@ -44,8 +44,7 @@ from companion.app.correction import load_correction
 from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
-from companion.constants import num
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, Effort
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
 
 
@@ -185,11 +184,11 @@ def assess_imu(
     how: Integration | None = None,
     before: BestEstimate | None = None,
     confusion: bool = False,
-    most_causes: int = num.MAX_EXPLAINED,
+    effort: Effort = Effort(),  # noqa: B008  (frozen)
 ) -> Assessment:
     """One IMU of a flight alone, without the others. Arguments and errors as `examine`.
 
-    before, confusion, most_causes: as `companion.estimation.smooth` has them.
+    before, confusion, effort: as `companion.estimation.smooth` has them.
     """
     name = flight.imu(imu).source
     return assess(
@@ -202,7 +201,7 @@ def assess_imu(
         correction=NO_CORRECTION if correction is None else load_correction(correction),
         before=before,
         confusion=confusion,
-        most_causes=most_causes,
+        effort=effort,
     )
 
 

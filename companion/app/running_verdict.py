@@ -43,7 +43,7 @@ from companion.app.live import Judges, Judging, NothingYetError
 from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.constants import num
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, Effort
 from companion.mavlink import Frames
 from companion.model import DataError, Flight, counted
 
@@ -51,7 +51,7 @@ _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: a
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
 _BEGINS_S = 30.0  # since arming or take-off: what a verdict rests on is only gathered then
-_MOST_CAUSES = 2  # of one piece: more are seldom faults, and each takes as long as all else
+_EFFORT = Effort(keyframes=150, most_causes=2)  # of one piece: more causes are seldom faults
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"
@@ -252,7 +252,7 @@ def verdict_on(assignment: Assignment) -> Judging:
         if of is None or now[:2] != of[:2]:
             standing, since = (), flight.start
         try:
-            assessment = assess_imu(flight, settings, imu=imu, before=before, most_causes=_MOST_CAUSES)
+            assessment = assess_imu(flight, settings, imu=imu, before=before, effort=_EFFORT)
         except DataError as why:
             of = now
             if not standing:

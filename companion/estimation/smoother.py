@@ -43,6 +43,14 @@ from companion.estimation.time_shift import time_shifted
 from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
 
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much an estimate may take."""
+
+    keyframes: int = num.KEYFRAMES  # about so many, in proportion to which all of it takes time
+    most_causes: int = num.MAX_EXPLAINED  # that are explained: each takes as long as the estimate itself
+
+
 def smooth(
     flight: Flight,
     imu: str | None = None,
@@ -53,7 +61,7 @@ def smooth(
     untrusted: Sequence[tuple[float, float]] = (),
     before: BestEstimate | None = None,
     confusion: bool = False,
-    most_causes: int = num.MAX_EXPLAINED,
+    effort: Effort = Effort(),
 ) -> BestEstimate:
     """The best estimate of a flight's trajectory from one IMU and every aiding sensor but the autopilot's own estimate.
 
@@ -62,16 +70,15 @@ def smooth(
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
     confusion: whether to find out what faults would be called, and from which size on they are told from their rivals.
-    most_causes: that are explained, each of which takes as long as the estimate itself.
 
     Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
     with boundary(flight.imu(imu).source):
-        setup = set_up(flight, imu, gravity, span, untrusted)
+        setup = set_up(flight, imu, gravity, span, untrusted, effort.keyframes)
         begin = guesses(setup, flight) if guess is None else (guess,)
         guessed = (start_of(setup, one) for one in begin)
         starts = guessed if before is None else resuming(guessed, setup, before)
-        return explain(setup, starts, confusion=confusion, most_causes=most_causes)
+        return explain(setup, starts, confusion=confusion, most_causes=effort.most_causes)
 
 
 @contextlib.contextmanager
@@ -158,7 +165,7 @@ def next_adaptation(
     usual = trials(linear.problem, linear.solution)
     candidates = _candidates(usual)
     for limits in _doubted_noise(setup, settled, linear, accepted, shown):
-        _, believed = estimate(setup, start, accepted, limits, white=True)
+        _, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
         candidates |= _candidates(trials(believed.problem, believed.solution))
     tried, weighed = _tried(setup, begin, accepted, candidates.values())
     weighed = weighed or [Candidate.of_trial(one) for one in usual]

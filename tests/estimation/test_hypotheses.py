@@ -11,7 +11,7 @@ import pytest
 
 from companion.constants import num
 from companion.constants.priors import ACCUSED
-from companion.estimation import HYPOTHESES, BestEstimate, Explained, hypothesis_of, probabilities, smooth
+from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hypothesis_of, probabilities, smooth
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.hypotheses import Problem
@@ -171,7 +171,7 @@ def test_what_would_have_shown_is_accused(share: float, told: bool) -> None:
 
 def test_no_more_is_explained_than_is_asked_for() -> None:
     """Of a gyro that steps and a GPS that jumps the likelier alone."""
-    both = smooth(gyro_step(gps_jump(sensed(60.0, rate=50.0)[0])), most_causes=1)
+    both = smooth(gyro_step(gps_jump(sensed(60.0, rate=50.0)[0])), effort=Effort(most_causes=1))
     assert len(both.explained) == 1
 
 
