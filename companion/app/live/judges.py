@@ -12,10 +12,11 @@ from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging,
 
 _LOOK_S = 0.4  # between two looks at whether something has just begun: one each second time that data are handed over
 PAUSE_S = 4.0  # between the begins of two judgements
-_AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
+_AGE_S = 4.2  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
 _SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
+_ALARM_SHARE = 1.25  # the same while there is an alarm, which costs more to explain and must not be stale
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
-_COSTS_S = 2.0  # of the processor that one may take: what took more is shortened in proportion, the newest come first
+_COSTS_S = 1.6  # of the processor that one may take: what took more is shortened in proportion, the newest come first
 _LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
 _AT_ONCE = 1.4  # times those that were shortened, at most: the onset of what cost much must not be lost for it
 
@@ -59,8 +60,9 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        self._due = now + max(min(PAUSE_S, _AGE_S - took), _SHARE * busy)
-        in_time = _SHARE * busy + took <= _AGE_S
+        rests = busy * (_ALARM_SHARE if live_verdict.status.endswith("suspect") else _SHARE)
+        self._due = now + max(min(PAUSE_S, _AGE_S - took), rests)
+        in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
             judge.most_s = max(judge.most_s * _COSTS_S / busy, LEAST_S)
         else:
