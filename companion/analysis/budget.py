@@ -270,8 +270,9 @@ class Agreement:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether enough are inside in every quantity."""
-        return self.share >= priors.CONSISTENT_SHARE
+        """Whether enough are inside in every quantity: of three one is outside by chance in one flight of seven."""
+        one = self.windows >= num.MIN_WINDOWS and (1.0 - self.share) * self.windows < 1.5
+        return one or self.share >= priors.CONSISTENT_SHARE
 
     def __str__(self) -> str:
         """How many are inside, and what of."""

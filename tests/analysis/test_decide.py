@@ -102,6 +102,13 @@ def test_too_few_windows_say_in_words_why(usable: int, excluded: dict[str, int],
     assert verdict.summary.startswith(f"Cannot tell: {said}")
 
 
+@pytest.mark.parametrize(
+    ("windows", "outside", "consistent"), [(3, 1, True), (3, 2, False), (4, 2, False), (2, 1, False)]
+)
+def test_one_window_of_few_may_be_outside(windows: int, outside: int, *, consistent: bool) -> None:
+    assert Agreement(5.0, windows, {}, {"attitude": 1.0 - outside / windows}).is_consistent is consistent
+
+
 def test_consistent_holds_at_every_horizon_that_has_many_windows() -> None:
     """After a second no window agrees, after five nearly all: 10 windows are many, 9 may be chance."""
     for seconds, status in ((9, "consistent"), (10, "insufficient_data")):
