@@ -162,13 +162,16 @@ def off_probability(one: LaneErrors, compared: Compared, where: BoolArray) -> fl
     """That a lane is further off than a healthy one, in the mean square over keyframes (K,), in any quantity.
 
     With the best estimate's error δ the root mean square of e - δ is to first order that of e less a weighted sum of δ:
-    what of δ is across e, or changes its sign while e does not, hardly counts.
+    what of δ is across e, or changes its sign while e does not, hardly counts. The mean square of δ itself, which adds
+    to that of e, is taken off.
     """
     most = 0.0
     for quantity, error in one.error.items():
         known = where & one.known(quantity)
-        size = float(np.sqrt((error[known] ** 2).sum(axis=1).mean())) if known.any() else 0.0
-        if size > 0.0:
+        own = compared.sigma(quantity)[known] ** 2
+        square = float(((error[known] ** 2).sum(axis=1) - own).mean()) if known.any() else 0.0
+        if square > 0.0:
+            size = math.sqrt(square)
             weights = np.where(known[:, None], error, 0.0) / (known.sum() * size)
             beyond = size - healthy_bound(quantity)
             most = max(most, _probability(beyond, compared.sigma_of_sum({quantity: weights})))
