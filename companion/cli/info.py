@@ -177,7 +177,7 @@ def _table(*headings: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in headings:
         text = heading.strip() in ("message", "sensor", "from", "")
-        table.add_column(heading, justify="left" if text else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if text else "right", no_wrap=not text, overflow="fold")
     return table
 
 
