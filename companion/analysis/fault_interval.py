@@ -136,8 +136,9 @@ def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEst
 
 def _end_of(end: float, cause: Explained, side: str, best: BestEstimate) -> float:
     """Of the estimate's own IMU no later than when the readings become those of another one."""
-    own = best.imu.switches if side == "imu" and cause.imu is None else ()
-    return min([end, *(when for when, _ in own if when > cause.onset + cause.onset_sigma)])
+    own = best.imu.switches if side == "imu" and cause.imu is None else None
+    left: list[float] = [] if own is None else own.t[own.t > cause.onset + cause.onset_sigma].tolist()
+    return min([end, *left])
 
 
 def imu_at(interval: FaultInterval, best: BestEstimate, imu: int | None) -> int:

@@ -126,7 +126,7 @@ def differences(blocks: Sequence[Blocks]) -> tuple[Differences, ...]:
     """How well each difference is known, beside what it is."""
 
     def known(one: Blocks) -> Differences:
-        weight = {sensor: _weight(sensor, one, one.value[sensor], one.scatter[sensor]) for sensor in one.value}
+        weight = {sensor: _weight(sensor, one) for sensor in one.value}
         return Differences(**{field.name: getattr(one, field.name) for field in fields(one)}, weight=weight)
 
     return tuple(map(known, blocks))
@@ -193,16 +193,16 @@ def _means(values: Array) -> Array:
     return np.asarray((values * usual).sum(axis=1) / usual.sum(axis=1))
 
 
-def _weight(sensor: str, one: Blocks, off: Array, scatter: Array) -> Array:
-    """(3, B, B) inverse covariances of differences off (B, 3) in blocks: a random walk and white noise.
+def _weight(sensor: str, one: Blocks) -> Array:
+    """(3, B, B) inverse covariances of a sensor's differences in B blocks: a random walk and white noise.
 
     Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard,
     or the estimate's own readings are those of another IMU.
     Both noises by the median square of changes from one block to the next and over some, about their median: a step
     hardly moves it, nor does a steady drift, which is a fault's or a warming part's. A block in which readings scatter
-    more, by scatter (B, 3), or which stands apart from those about it, is known by less.
+    more, or which stands apart from those about it, is known by less.
     """
-    t = one.t
+    t, off, scatter = one.t, one.value[sensor], one.scatter[sensor]
     lags = (1, max(2, min(num.DIFF_MAX_LAG, len(t) // 8)))
     changes = [off[lag:] - off[:-lag] for lag in lags]
     near, far = (np.median((c - np.median(c, axis=0)) ** 2, axis=0) / num.CHI_SQUARE_MEDIAN for c in changes)

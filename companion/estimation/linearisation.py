@@ -127,8 +127,9 @@ def linearise(
         wander = [w * (1 + lasted) for w in healthy.UNHEARD_MOTION] + [w * unheard for w in healthy.BIAS_SIGMA]
         wide = np.concatenate([np.repeat(one, 3, axis=1) for one in wander], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
-    for kind, block in (("gyro_bias", GYRO_BIAS), ("accel_bias", ACCEL_BIAS)):  # of another IMU, which may be at fault
-        covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
+    if setup.switched.any():  # the biases are those of another IMU, which may be at fault
+        for kind, block in (("gyro_bias", GYRO_BIAS), ("accel_bias", ACCEL_BIAS)):
+            covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
     back = turn.swapaxes(-1, -2)
     shift = _shift(path, states, turn)
     transition, constants = turn @ path.transition @ back, _motion_constants(path, turn)

@@ -10,6 +10,7 @@ from companion.model.aiding import (
     ControlTrack,
     EstimatorLane,
     EstimatorReset,
+    Event,
     FlowTrack,
     GpsTrack,
     ParameterChange,
@@ -17,7 +18,6 @@ from companion.model.aiding import (
     PhaseKind,
     RangeTrack,
     ResetKind,
-    SensorInUse,
     TruthTrack,
 )
 from companion.model.errors import (
@@ -60,10 +60,10 @@ from companion.model.tracks import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
-    Event,
     ImuTrack,
     NavState,
     PositionTrack,
+    SensorInUse,
     Series,
     Track,
     Trajectory,

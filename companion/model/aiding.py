@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.model.errors import DataError, floats
-from companion.model.tracks import Array, Checked
+from companion.model.tracks import Array, Checked, SensorInUse
 
 
 class _Readings(Checked):
@@ -181,38 +180,21 @@ class EstimatorReset:
 
 
 @dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened. The text is untrusted: escape it before it becomes markup."""
+
+    t: float  # s, boot clock
+    kind: str  # "armed", "disarmed", "mode", "error" or "event"
+    text: str  # the name of the mode, or what happened
+
+
+@dataclass(frozen=True, slots=True)
 class ParameterChange:
     """A parameter that got another value while the log ran."""
 
     t: float  # s
     name: str
     value: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensorInUse:
-    """Which IMU, receiver, compass, ... the estimator that flew used from each time on."""
-
-    t: Array  # (N,) s
-    instance: npt.NDArray[np.int64]  # (N,)
-    source: str = ""  # XKF4.PI, sensor_selection, ...
-
-    def __post_init__(self) -> None:
-        floats(f"{self.source}.instance", self.instance, self.t.shape)
-
-    def uses(self, instance: int, start: float, end: float) -> bool:
-        """Whether it used an instance between two times (s), as far as it is known."""
-        until = np.append(self.t[1:], np.inf)
-        return not len(self.t) or bool((self.instance[(self.t < end) & (until > start)] == instance).any())
-
-    @property
-    def changes(self) -> list[tuple[float, int]]:
-        """Each time (s) with the instance that is used from then on."""
-        return list(zip(self.t.tolist(), self.instance.tolist(), strict=True))
-
-    def at(self, t: Array) -> npt.NDArray[np.int64]:
-        """The instance in use at each of the times t (N,) s (before the first change: the first one)."""
-        return self.instance[np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -21,20 +21,20 @@ from companion.model.aiding import (
     ControlTrack,
     EstimatorLane,
     EstimatorReset,
+    Event,
     FlowTrack,
     GpsTrack,
     ParameterChange,
     RangeTrack,
-    SensorInUse,
     TruthTrack,
 )
 from companion.model.errors import DataError
 from companion.model.tracks import (
     Array,
     AttitudeTrack,
-    Event,
     ImuTrack,
     PositionTrack,
+    SensorInUse,
     Series,
     Track,
     by_preference,

@@ -114,6 +114,32 @@ class Checked(Sampled):
         return _VECTORS
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorInUse:
+    """Which IMU, receiver, compass, ... the estimator that flew used from each time on."""
+
+    t: Array  # (N,) s
+    instance: npt.NDArray[np.int64]  # (N,)
+    source: str = ""  # XKF4.PI, sensor_selection, ...
+
+    def __post_init__(self) -> None:
+        floats(f"{self.source}.instance", self.instance, self.t.shape)
+
+    def uses(self, instance: int, start: float, end: float) -> bool:
+        """Whether it used an instance between two times (s), as far as it is known."""
+        until = np.append(self.t[1:], np.inf)
+        return not len(self.t) or bool((self.instance[(self.t < end) & (until > start)] == instance).any())
+
+    @property
+    def changes(self) -> list[tuple[float, int]]:
+        """Each time (s) with the instance that is used from then on."""
+        return list(zip(self.t.tolist(), self.instance.tolist(), strict=True))
+
+    def at(self, t: Array) -> npt.NDArray[np.int64]:
+        """The instance in use at each of the times t (N,) s (before the first change: the first one)."""
+        return self.instance[np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)]
+
+
 @dataclass(frozen=True, eq=False, repr=False)  # without slots: its rate is kept
 class ImuTrack(Checked):
     """Samples of one IMU in the body frame of the autopilot's attitude.
@@ -137,9 +163,7 @@ class ImuTrack(Checked):
     accel_low_pass_hz: float | None = None
     gyro_range: float | None = None  # rad/s, where the gyro saturates; None: unknown
     accel_range: float | None = None  # m/s²
-    switches: tuple[
-        tuple[float, int], ...
-    ] = ()  # s, the IMU whose readings these are from then on; empty: of one alone
+    switches: SensorInUse | None = None  # whose readings these are from each time on; None: of one IMU alone
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -167,11 +191,8 @@ class ImuTrack(Checked):
         return 1.0 / float(usual.mean() if len(usual) else middle)
 
     def instance_at(self, t: Array) -> npt.NDArray[np.int64]:
-        """(N,) whose readings they are at times t (N,) s; before the first switch those of the first."""
-        if not self.switches:
-            return np.full(len(t), self.instance)
-        when, instance = (np.array(column) for column in zip(*self.switches, strict=True))
-        return np.asarray(instance[np.maximum(np.searchsorted(when, t, side="right") - 1, 0)])
+        """(N,) whose readings they are at times t (N,) s."""
+        return np.full(len(t), self.instance) if self.switches is None else self.switches.at(t)
 
     @property
     def low_pass_hz(self) -> float | None:
@@ -268,15 +289,6 @@ class Series(Checked):
         if column not in self.columns:
             raise KeyError(f"{self.source} has no column {column!r}; it has {', '.join(self.columns)}")
         return np.asarray(self.values[:, self.columns.index(column)])
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that happened. The text is untrusted: escape it before it becomes markup."""
-
-    t: float  # s, boot clock
-    kind: str  # "armed", "disarmed", "mode", "error" or "event"
-    text: str  # the name of the mode, or what happened
 
 
 def of_kind(series: Mapping[str, Series], kind: str) -> Iterator[Series]:

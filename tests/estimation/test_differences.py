@@ -10,7 +10,7 @@ import pytest
 
 from companion.estimation import BestEstimate, probabilities, smooth
 from companion.estimation.differences import Error, differences, in_blocks
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Flight, ImuTrack, SensorInUse
 from tests.estimation.sensed import sensed
 
 ONSET = 31.0
@@ -76,7 +76,7 @@ def test_readings_that_go_on_with_another_imu_are_each_ones_own(others: tuple[in
         instance=0,
         gyro=np.where(later, right.gyro, wrong.gyro),
         accel=np.where(later, right.accel, wrong.accel),
-        switches=((0.0, 0), (at, 1)),
+        switches=SensorInUse(np.array([0.0, at]), np.array([0, 1]), "sensor_selection"),
     )
     whole = [[wrong, right, sibling(instance=2)][number][::5] for number in others]
     flight = replace(flown(), imus={one.source: one for one in (mixed, *whole)})

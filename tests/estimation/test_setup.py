@@ -66,7 +66,7 @@ def test_keyframes_stand_where_the_fixes_were_taken() -> None:
 def test_every_fix_has_its_keyframe() -> None:
     """Whatever the phase of the fixes to the first sample of the IMU."""
     for late in (0.0, 0.03, 0.1, 0.17):
-        flight, _ = sensed(20.0, fixes_hz=2.5)
+        flight, _ = sensed(20.0, fixes_hz=5.0)
         gps = flight.gps[0]
         setup = set_up(replace(flight, gps=(replace(gps, t=gps.t + late),)), None, STANDARD_GRAVITY, None)
         assert max(len(one.t) for one in setup.readings if one.name.startswith("gps")) >= len(gps) - 2

@@ -43,14 +43,13 @@ def imu_tracks(
             combined = replace(
                 combined, device_id=same.device_id, gyro_range=same.gyro_range, accel_range=same.accel_range
             )
-        switches: tuple[tuple[float, int], ...] = ()
-        if used is not None and np.count_nonzero(shares) > 1:
-            switches = tuple(used.changes)
+        several = np.count_nonzero(shares) > 1
+        if several:
             notes.append(
                 f"sensor_combined changes between IMUs {np.flatnonzero(shares).tolist()}; IMU {instance} has "
                 f"{100 * shares[instance]:.0f} % of it"
             )
-        tracks.append(replace(combined, instance=instance, switches=switches))
+        tracks.append(replace(combined, instance=instance, switches=used if several else None))
     tracks += driver_tracks(topics, tracks, parameters, notes)
     if not any(len(track) > 1 for track in tracks):
         tracks += _filtered(topics, parameters, notes)
