@@ -256,7 +256,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     magnetic = _magnetic_heading(flight, rest, level)
     yaw_reference = None
     if comparison.reference.attitude_known[rest.last]:
-        yaw_reference = float(quaternion.to_euler(comparison.reference.q_ned_frd[rest.last])[2])
+        yaw_reference = float(quaternion.to_euler(comparison.reference.at(np.array([rest.last])).q_ned_frd[0])[2])
     source, yaw, heading_sigma = "nothing", 0.0, healthy.UNKNOWN_HEADING_RAD
     if magnetic is not None:
         magnetic += flight.declination
@@ -325,7 +325,7 @@ def _later(
     q0 = np.tile(aligned.q_ned_frd, (len(index), 1))
     zero = np.zeros((len(index), 3))
     q, _, _ = path.carry(begin, index, q0, zero, zero)
-    error = attitude_error(comparison.reference.q_ned_frd[index], q)
+    error = attitude_error(comparison.reference.at(index).q_ned_frd, q)
     growth = propagate(track, path, begin, index, q0, zero, gravity=comparison.how.gravity)
     covariance = _covariance(aligned, comparison.track, growth, imu, autopilot)
     paths = (comparison.path, comparison.coarse(begin, index))

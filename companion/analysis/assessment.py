@@ -57,9 +57,7 @@ class Assessment:
 
     comparison: Comparison  # of the IMU, corrected if that was asked for
     judged: Comparison  # the same without what was measured out of control
-    sets: tuple[Windows, ...]  # one for each row of the drift
-    drift: Drift
-    expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
+    horizons: tuple[float, ...]  # s, one for each row of the drift
     imu_spec: ImuSpec
     autopilot: ReferenceSpec
     measured_noise: FlightDensity
@@ -69,6 +67,21 @@ class Assessment:
     verdict: Verdict
     best: BestEstimate | None  # a third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
+
+    @cached_property
+    def sets(self) -> tuple[Windows, ...]:
+        """The windows of each row of the drift."""
+        return tuple(windows(self.comparison, horizon) for horizon in self.horizons)
+
+    @cached_property
+    def drift(self) -> Drift:
+        """How far the dead reckoning ends from the autopilot."""
+        return drift_over(self.comparison, self.sets)
+
+    @cached_property
+    def expected(self) -> tuple[Expected | None, ...]:
+        """What is allowed of each row of the drift; None without windows."""
+        return tuple(expected_over(self.comparison, one, self.imu_spec, self.autopilot) for one in self.sets)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -171,15 +184,12 @@ def assess(
     own = replace(seen, imus={**seen.imus, track.source: correction.apply(seen.imu(track.source))})
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, imu_spec, how.limits)
-    sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    drift, expects = drift_over(comparison, sets), partial(expected_over, imu_spec=imu_spec, autopilot=autopilot)
-    expected = tuple(expects(comparison, one) for one in sets)
-    allowed = expects(judged, chosen := windows(judged, num.JUDGED_S))
+    chosen = windows(judged, num.JUDGED_S)
+    allowed = expected_over(judged, chosen, imu_spec, autopilot)
     faults = [f for f in reading_faults(seen, judged, imu_spec) if f.end_s > aligned_at(parts)]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
-    comparison, judged = comparison.forgotten(), judged.forgotten()  # while the best estimate needs the room
     estimate = partial(smooth, confusion=confusion, effort=effort)
     made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
@@ -187,7 +197,7 @@ def assess(
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
     all_findings, clean = findings(flight, judged, allowed, imu_spec, noise, autopilot, faults, best, constants, turned)
     all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
-    third, judged = _independent(best), judged.forgotten()
+    third = _independent(best)
     usual = imu_spec if third is None else in_flight(imu_spec, third)
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
@@ -198,9 +208,7 @@ def assess(
     return Assessment(
         comparison=comparison,
         judged=judged,
-        sets=sets,
-        drift=drift,
-        expected=expected,
+        horizons=tuple(horizons),
         imu_spec=imu_spec,
         autopilot=autopilot,
         measured_noise=noise,

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison, Windows, errors, means_between, windows
+from companion.analysis.comparison import CURVATURE, RATE, SIGN, ZERO, Comparison, Windows, errors, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import IntArray, InterpolationError
+from companion.analysis.reference import InterpolationError
 from companion.constants import num, priors
 from companion.estimation import chi_square
-from companion.model import Array, ImuTrack, Phase, counted
+from companion.model import Array, Phase, counted
 from companion.strapdown import Preintegration, Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -27,8 +27,9 @@ ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Budget:
-    """The expected covariance of each window's error, by cause."""
+    """The expected covariance of each window's error, by cause, beside the error."""
 
+    error: Array  # (W, 9) what it was
     causes: Mapping[str, Array]  # name → (W, 9, 9): rad, m/s, m
     propagation: Propagation  # where the Jacobians are
 
@@ -41,17 +42,22 @@ class Budget:
         """Expected length (root mean square) of a block of the error in each window, (W,): rad, m/s or m."""
         return np.asarray(np.sqrt(np.trace(self.total[:, block, block], axis1=1, axis2=2)))
 
-    def shares(self, block: slice) -> dict[str, float]:
-        """Part of the expected mean square of a block that each cause has, over all windows; they sum to 1."""
-        power = {name: float(np.trace(c[:, block, block], axis1=1, axis2=2).sum()) for name, c in self.causes.items()}
-        total = sum(power.values())
-        return {name: value / total for name, value in power.items()} if total > 0 else dict.fromkeys(power, 0.0)
+    def power(self, block: slice) -> dict[str, float]:
+        """The expected mean square of a block by each cause, summed over all windows."""
+        return {name: float(np.trace(c[:, block, block], axis1=1, axis2=2).sum()) for name, c in self.causes.items()}
+
+
+def shares_of(power: Mapping[str, float]) -> dict[str, float]:
+    """Part of a mean square that each cause has; they sum to 1."""
+    total = sum(power.values())
+    return {name: value / total for name, value in power.items()} if total > 0 else dict.fromkeys(power, 0.0)
 
 
 def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: ReferenceSpec) -> Budget:
     """The budget of windows of one length. White noise is the data sheet's, or what is measured where that is more."""
-    track, reference, start, end = comparison.track, comparison.reference, chosen.start, chosen.end
-    growth = comparison.growth(chosen)
+    reference, start, end = comparison.reference, chosen.start, chosen.end
+    growth, error = comparison.growth(chosen), stacked(comparison, chosen)
+    track, means = comparison.track, comparison.reading_means(chosen)
     move = growth.transition[:, :9, :9]
     gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]
     lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))
@@ -59,11 +65,13 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
     at_start, at_end = (_interpolated(reference.interpolation_error(i, comparison.path)) for i in (start, end))
     leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
     noise = growth.noise
-    shaken = window_noise(track, chosen)
+    shaken = window_noise(comparison, chosen)
     gyro_density = np.maximum(imu.gyro.noise_density, shaken[:, 0])[:, None, None]
     accel_density = np.maximum(imu.accel.noise_density, shaken[:, 1])[:, None, None]
-    gyro_steps = _step_errors(track.gyro, track.gyro_step, start, end)
-    accel_steps = _step_errors(track.accel, track.accel_step, start, end)
+    gyro_steps, accel_steps = (
+        _step_errors(means[:, SIGN, i], means[:, ZERO, i], step)
+        for i, step in enumerate((track.gyro_step, track.accel_step))
+    )
     rate = track.rate_hz
     gyro_matrix, accel_matrix = (m.reshape(-1, 9, 9) for m in (growth.gyro_matrix, growth.accel_matrix))
     scale = np.ravel(np.eye(3))
@@ -79,17 +87,17 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
         + _square(accel_bias * accel_steps[:, None])
         + track.gyro_step**2 / (12 * rate) * noise["gyro_noise"][:, :9, :9]
         + track.accel_step**2 / (12 * rate) * noise["accel_noise"][:, :9, :9],
-        "sampling": _sampling(comparison, chosen),
+        "sampling": _sampling(comparison, chosen, error),
         "scale": _square(gyro_matrix * (imu.gyro.scale * scale)) + _square(accel_matrix * (imu.accel.scale * scale)),
         "misalignment": autopilot.misalignment**2 * _square(turn),
         "time_offset": autopilot.time_offset**2 * _square(growth.time_offset[:, :, None]),
-        "time_jitter": jitter_covariance(track, chosen, growth),
+        "time_jitter": _jitter_covariance(comparison, means[:, RATE].mean(axis=2), growth),
         "gravity": autopilot.gravity**2 * _square(growth.gravity[:, :, None]),
         "autopilot_attitude": leaned @ lasting @ leaned.swapaxes(1, 2),
         "autopilot_anchor": move @ (passing + at_start) @ move.swapaxes(1, 2),
         "autopilot_end": passing + at_end,
     }
-    return Budget(causes, growth)
+    return Budget(error, causes, growth)
 
 
 def _interpolated(error: InterpolationError) -> Array:
@@ -133,88 +141,53 @@ def stacked(comparison: Comparison, chosen: Windows, path: Preintegration | None
     return np.column_stack([window_errors.attitude, window_errors.velocity, window_errors.position])
 
 
-def window_noise(track: ImuTrack, chosen: Windows) -> Array:
+def window_noise(comparison: Comparison, chosen: Windows) -> Array:
     """White-noise density of gyro and accelerometer in each window, (W, 2): rad/s/√Hz, m/s²/√Hz, worst axis.
 
     From second differences, which smooth motion leaves alone. Zero below num.NOISE_RATE_HZ, where motion does not look
     smooth any more.
     """
-    if track.rate_hz < num.NOISE_RATE_HZ:
+    if (rate := comparison.track.rate_hz) < num.NOISE_RATE_HZ:
         return np.zeros((len(chosen.start), 2))
-    most, square = np.zeros((len(chosen.start), 2)), np.zeros(len(track))
-    for sensor, readings in enumerate((track.gyro, track.accel)):
-        for axis in readings.T:
-            np.square(np.diff(axis, n=2), out=square[2:])
-            most[:, sensor] = np.maximum(most[:, sensor], means_between(square, chosen.start, chosen.end + 1) / 6.0)
-    return np.asarray(np.sqrt(most / track.rate_hz))
+    return np.asarray(np.sqrt(comparison.reading_means(chosen)[:, CURVATURE].max(axis=2) / (6.0 * rate)))
 
 
 def persistent_step_error(readings: Array, step: float) -> Array:
     """What truncation may take from every reading (N, 3) of a whole flight, 1σ per axis (3,): no fit can tell it."""
-    return np.asarray(_step_errors(readings, step, np.array([0]), np.array([len(readings) - 1]))[0])
+    return _step_errors(np.sign(readings).mean(axis=0), (readings == 0.0).mean(axis=0), step)
 
 
 def _square(jacobian: Array) -> Array:
     return np.asarray(jacobian @ jacobian.swapaxes(1, 2))
 
 
-def _sampling(comparison: Comparison, chosen: Windows) -> Array:
+def _sampling(comparison: Comparison, chosen: Windows, error: Array) -> Array:
     """Covariance of the error that comes of finite sampling: what the other middle sample changes (embedded pair)."""
-    d = stacked(comparison, chosen) - stacked(comparison, chosen, comparison.coarse(chosen.start, chosen.end))
+    d = error - stacked(comparison, chosen, comparison.coarse(chosen.start, chosen.end))
     return np.asarray(d[:, :, None] * d[:, None, :])
 
 
-def _step_errors(readings: Array, step: float, start: IntArray, end: IntArray) -> Array:
-    """Root mean square of the constant part of what truncation towards zero takes, per axis, (W, 3).
+def _step_errors(sign: Array, zero: Array, step: float) -> Array:
+    """1σ of the constant part of what truncation towards zero takes from readings, per axis.
+
+    sign, zero: means (..., 3) of their signs, and of whether they are zero.
 
     A reading that keeps its sign is short by half a step, give or take; one that stays at zero stands for anything
     between minus one and plus one step. One that swings across steps averages out, and is noise.
     """
-    if step == 0.0:
-        return np.zeros((len(start), 3))
-    signs = np.column_stack([means_between(np.sign(axis), start, end + 1) for axis in readings.T])
-    zeros = np.column_stack([means_between(axis == 0.0, start, end + 1) for axis in readings.T])
-    return np.asarray(step * np.sqrt((0.5 * signs) ** 2 + zeros**2 / 3))
+    return np.asarray(step * np.sqrt((0.5 * sign) ** 2 + zero**2 / 3))
 
 
-def stamp_jitter(track: ImuTrack) -> float:
-    """1σ, s, of the error of one stamp against its neighbours'.
-
-    From how irregular the intervals are, once whole ticks are taken off: an interval that is one tick longer holds one
-    sample less, and its stamps are right. Never less than the resolution of the message's clock allows.
-    """
-    least = float(track.t_step / np.sqrt(12.0))
-    intervals = np.diff(track.t)
-    if len(intervals) < num.TICK_MIN_INTERVALS:
-        return least
-    period = float(np.percentile(intervals, 10.0))
-    near = intervals[intervals < 5.5 * period]
-    spreads = []
-    for pieces in range(1, num.TICK_MAX_PIECES + 1):
-        tick = period / pieces
-        low, high = np.percentile(near - tick * np.round(near / tick), [16.0, 84.0])
-        spreads.append(0.5 * float(high - low))
-        if spreads[-1] < num.TICK_REGULAR * tick:
-            return float(max(least, spreads[-1] / np.sqrt(2.0)))  # an interval has two stamps
-    return float(max(least, spreads[0] / np.sqrt(2.0)))
-
-
-def jitter_covariance(track: ImuTrack, chosen: Windows, growth: Propagation) -> Array:
+def _jitter_covariance(comparison: Comparison, rate: Array, growth: Propagation) -> Array:
     """(W, 9, 9) covariance at the end of each window of stamps that are off, each by itself.
 
-    A reading at the wrong time is wrong by its rate of change, which acts like white noise. That the window begins and
-    ends at wrong times cancels: the intervals are wrong by as much as the times that the autopilot's state is taken at.
+    A reading at the wrong time is wrong by its rate of change, (W, 2) mean squares, which acts like white noise. That
+    the window begins and ends at wrong times cancels: the intervals are wrong by as much as the times that the
+    autopilot's state is taken at.
     """
-    total = np.zeros((len(chosen.start), 9, 9))
-    sigma, apart = stamp_jitter(track), track.t[2:] - track.t[:-2]
-    for name, readings in (("gyro_noise", track.gyro), ("accel_noise", track.accel)) if sigma > 0.0 else ():
-        rate = np.zeros(len(track))
-        for axis in readings.T:
-            rate[1:-1] += ((axis[2:] - axis[:-2]) / apart) ** 2
-        mean_square = means_between(rate, chosen.start, chosen.end + 1) / readings.shape[1]
-        power = sigma**2 * mean_square / track.rate_hz
-        total += power[:, None, None] * growth.noise[name][:, :9, :9]
-    return total
+    power = comparison.stamp_jitter**2 * rate[..., None, None] / comparison.track.rate_hz
+    white = (growth.noise[name][:, :9, :9] for name in ("gyro_noise", "accel_noise"))
+    return np.asarray(sum(power[:, i] * own for i, own in enumerate(white)))
 
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
@@ -234,18 +207,28 @@ class Expected:
 def expected_over(
     comparison: Comparison, chosen: Windows, imu_spec: ImuSpec, autopilot: ReferenceSpec
 ) -> Expected | None:
-    if not len(chosen.start):
+    """Over all windows of one length, some at a time: an hour has thousands. None without any."""
+    if not (count := len(chosen.start)):
         return None
-    allowed = budget(comparison, chosen, imu_spec, autopilot)
-    error, total = stacked(comparison, chosen), allowed.total
     blocks = _BLOCKS if comparison.has_position else {"attitude": ATTITUDE}
-    sigma = {name: float(np.median(allowed.sigma(block))) for name, block in blocks.items()}
-    normalised = {name: nees(error[:, block], total[:, block, block]) for name, block in blocks.items()}
+    sigma, normalised = {name: np.empty(count) for name in blocks}, {name: np.empty(count) for name in blocks}
+    power: dict[str, dict[str, float]] = {name: {} for name in blocks}
+    for first in range(0, count, num.WINDOWS_AT_ONCE):
+        part = slice(first, first + num.WINDOWS_AT_ONCE)
+        some = replace(chosen, start=chosen.start[part], end=chosen.end[part])
+        allowed = budget(comparison, some, imu_spec, autopilot)
+        error, total = allowed.error, allowed.total
+        for name, block in blocks.items():
+            sigma[name][part] = allowed.sigma(block)
+            normalised[name][part] = nees(error[:, block], total[:, block, block])
+            for cause, own in allowed.power(block).items():
+                power[name][cause] = power[name].get(cause, 0.0) + own
+    typical = {name: float(np.median(value)) for name, value in sigma.items()}
     return Expected(
-        attitude_deg=float(np.degrees(sigma["attitude"])),
-        velocity_mps=sigma.get("velocity"),
-        position_m=sigma.get("position"),
-        shares={name: allowed.shares(block) for name, block in blocks.items()},
+        attitude_deg=float(np.degrees(typical["attitude"])),
+        velocity_mps=typical.get("velocity"),
+        position_m=typical.get("position"),
+        shares={name: shares_of(own) for name, own in power.items()},
         inside={name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()},
     )
 

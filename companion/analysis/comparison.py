@@ -101,6 +101,25 @@ def means_between(values: Array | BoolArray, start: IntArray, end: IntArray) -> 
     return np.asarray(sums / (end - start).reshape(-1, *[1] * (values.ndim - 1)))
 
 
+CURVATURE, RATE, SIGN, ZERO = range(4)
+"""What is averaged of the readings: squared second differences, squared rates of change (per s²), their signs, and
+whether they are exactly zero."""
+
+
+def reading_means(track: ImuTrack, start: IntArray, end: IntArray) -> Array:
+    """(W, 4, 2, 3) means of those over windows, for the axes of gyro and accelerometer."""
+    means = np.empty((len(start), 4, 2, 3))
+    square, apart = np.zeros((2, len(track))), track.t[2:] - track.t[:-2]
+    for sensor, readings in enumerate((track.gyro, track.accel)):
+        for i, axis in enumerate(readings.T):
+            change = axis[1:] - axis[:-1]
+            np.square(change[1:] - change[:-1], out=square[CURVATURE, 2:])
+            np.square((change[1:] + change[:-1]) / apart, out=square[RATE, 1:-1])
+            for what, values in enumerate((*square, np.sign(axis), axis == 0.0)):
+                means[:, what, sensor, i] = means_between(values, start, end)
+    return means
+
+
 class Passes:
     """The passes over one track, each made when it is first asked for and kept."""
 
@@ -145,11 +164,6 @@ class Comparison:
         """One pass over the track; carries any window."""
         return self.passes.path
 
-    def forgotten(self) -> Comparison:
-        """The same without its passes over a long track, made anew when they are asked for: of an hour 60 MB."""
-        long = len(self.track) >= num.CACHED_SAMPLES
-        return replace(self, passes=Passes(self.track, self.how)) if long else self
-
     def coarse(self, *samples: IntArray) -> Preintegration:
         """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.
 
@@ -159,11 +173,9 @@ class Comparison:
 
     def growth(self, chosen: Windows) -> Propagation:
         """How errors grow over windows. Those of whole seconds, of whatever length, share one pass over the track."""
-        start, end = chosen.start, chosen.end
-        first, last = (self._seconds.searchsorted(samples) for samples in (start, end))
-        shared = chosen.horizon >= 1.0 and len(np.setdiff1d(np.append(start, end), self._seconds)) == 0
+        start, end, seconds = chosen.start, chosen.end, self._of_seconds(chosen)
         begin = self.reference.at(start)
-        sums = joined(self._second_sums, first, last) if shared else None
+        sums = None if seconds is None else joined(self._second_sums, *seconds)
         state, gravity = (begin.q_ned_frd, begin.velocity), self.how.gravity
         return propagate(self.track, self.path, start, end, *state, gravity=gravity, sums=sums)
 
@@ -172,9 +184,33 @@ class Comparison:
         """The samples on which windows of a second begin and end."""
         return np.unique(np.concatenate(_grid(self, 1.0, None)))
 
+    def reading_means(self, chosen: Windows) -> Array:
+        """(W, 4, 2, 3): see the function. Of windows of whole seconds the samples are looked at once."""
+        seconds = self._of_seconds(chosen)
+        if seconds is None:
+            return reading_means(self.track, chosen.start, chosen.end)
+        sums = self._second_means * np.diff(self._seconds)[:, None, None, None]
+        samples = (chosen.end - chosen.start)[:, None, None, None]
+        return means_between(sums, *seconds) * (seconds[1] - seconds[0])[:, None, None, None] / samples
+
+    def _of_seconds(self, chosen: Windows) -> tuple[IntArray, IntArray] | None:
+        """The first second of each window, and the one behind it; None where they are not made of whole seconds."""
+        if chosen.horizon < 1.0 or len(np.setdiff1d(np.append(chosen.start, chosen.end), self._seconds)):
+            return None
+        return self._seconds.searchsorted(chosen.start), self._seconds.searchsorted(chosen.end)
+
+    @cached_property
+    def _second_means(self) -> Array:
+        return reading_means(self.track, self._seconds[:-1], self._seconds[1:])
+
     @cached_property
     def _second_sums(self) -> Sums:
-        return error_sums(self.track, self.path, self._seconds[:-1], self._seconds[1:])
+        return error_sums(self.track, self.path, self._seconds[:-1], self._seconds[1:], step_s=num.COVARIANCE_STEP_S)
+
+    @cached_property
+    def stamp_jitter(self) -> float:
+        """1σ, s: see the function."""
+        return stamp_jitter(self.track)
 
     def of(self, track: ImuTrack) -> Comparison:
         """The same for other readings; the autopilot is looked at anew where their times are others."""
@@ -393,3 +429,25 @@ def _touched(steps: Array, t: Array, start: IntArray, end: IntArray) -> BoolArra
     over = np.searchsorted(steps[:, 1], t[start], side="right")
     to_come = len(steps) - np.searchsorted(steps[:, 0], t[end], side="left")
     return np.asarray(len(steps) - over - to_come > 0)
+
+
+def stamp_jitter(track: ImuTrack) -> float:
+    """1σ, s, of the error of one stamp against its neighbours'.
+
+    From how irregular the intervals are, once whole ticks are taken off: an interval that is one tick longer holds one
+    sample less, and its stamps are right. Never less than the resolution of the message's clock allows.
+    """
+    least = float(track.t_step / np.sqrt(12.0))
+    intervals = np.diff(track.t)
+    if len(intervals) < num.TICK_MIN_INTERVALS:
+        return least
+    period = float(np.percentile(intervals, 10.0))
+    near = intervals[intervals < 5.5 * period]
+    spreads = []
+    for pieces in range(1, num.TICK_MAX_PIECES + 1):
+        tick = period / pieces
+        low, high = np.percentile(near - tick * np.round(near / tick), [16.0, 84.0])
+        spreads.append(0.5 * float(high - low))
+        if spreads[-1] < num.TICK_REGULAR * tick:
+            return float(max(least, spreads[-1] / np.sqrt(2.0)))  # an interval has two stamps
+    return float(max(least, spreads[0] / np.sqrt(2.0)))

@@ -161,6 +161,7 @@ ARMS_S = 0.5  # from the first sample until the arming that began the logging is
 LAG_PARTS = 3  # of the flight, that have to agree
 LAG_GRID_S = 0.04
 LAG_TURN_S = 0.2
+LAG_MOMENTS = 4000  # of a part that are looked at: an hour's third has 30,000
 LAG_MAX_S = 1.0
 LAG_MIN_RPS = 0.05  # rms: less does not tell a lag
 LAG_SHARP = 0.1  # part of the power, and of what is left beside it, that the best lag may leave

@@ -38,9 +38,7 @@ def turned_compasses(
     best: the estimate of the flight, by which a compass in order reads the Earth's field; where each does, nothing else
     is looked at. without_compass: how to make it of a flight whose compasses are left out; may raise NoEstimateError.
     """
-    if not any(
-        _off(*read) > num.ORIENTATION_HALF_RAD for one in flight.compasses if (read := _fields(one, flight, best))
-    ):
+    if not any(_off(*fields) > num.ORIENTATION_HALF_RAD for _, fields in _fields(flight, best)):
         return ()
     try:
         alone = without_compass(replace(flight, compasses=()))
@@ -62,21 +60,29 @@ def righted(flight: Flight, turned: tuple[TurnedCompass, ...]) -> Flight:
     )
 
 
-def _fields(one: CompassTrack, flight: Flight, best: BestEstimate) -> tuple[Array, Array, Array] | None:
-    """What a compass reads and the Earth's field at the same times, (N, 3) µT each, and down, all in the body.
+Fields = tuple[Array, Array, Array]
 
-    None for too few readings, a field that is not known, and for readings that are in the sensor's own axes.
+
+def _fields(flight: Flight, best: BestEstimate) -> list[tuple[CompassTrack, Fields]]:
+    """What each compass reads and the Earth's field at the same times, (N, 3) µT each, and down, all in the body.
+
+    Without those of too few readings, or in the sensor's own axes, and without any where the field is not known.
     """
     earth = field_at(best.origin or flight.origin, flight.epoch)
-    good = one.calibrated & np.isfinite(one.field).all(axis=1) & (one.t >= best.t[0]) & (one.t <= best.t[-1])
-    rows = np.flatnonzero(good)
     fewest, most = check.ORIENTATION_READINGS
-    if earth is None or len(rows) < fewest:
-        return None
-    rows = rows[:: max(1, len(rows) // most)]
-    to_body = quaternion.conjugate(best.at(one.t[rows])[0])
-    field, down = (quaternion.rotate(to_body, v) for v in (earth.ned, np.array([0.0, 0.0, 1.0])))
-    return one.field[rows] * num.MICROTESLA, field * num.MICROTESLA, down
+    found = []
+    for one in flight.compasses if earth is not None else ():
+        good = one.calibrated & np.isfinite(one.field).all(axis=1) & (one.t >= best.t[0]) & (one.t <= best.t[-1])
+        rows = np.flatnonzero(good)
+        if len(rows) >= fewest:
+            found.append((one, rows[:: max(1, len(rows) // most)]))
+    if earth is None or not found:
+        return []
+    to_body = quaternion.conjugate(best.at(np.concatenate([one.t[rows] for one, rows in found]))[0])
+    field, down = (quaternion.rotate(to_body, v) for v in (earth.ned * num.MICROTESLA, np.array([0.0, 0.0, 1.0])))
+    ends = np.cumsum([len(rows) for _, rows in found])[:-1]
+    pairs = zip(found, np.split(field, ends), np.split(down, ends), strict=True)
+    return [(one, (one.field[rows] * num.MICROTESLA, there, below)) for (one, rows), there, below in pairs]
 
 
 def _off(read: Array, body: Array, down: Array) -> float:
@@ -97,11 +103,7 @@ def _turned(flight: Flight, alone: BestEstimate) -> Iterator[TurnedCompass]:
     A constant field of iron on the vehicle, however strong, leaves what changes as it is.
     """
     list_of = orientations()
-    for one in flight.compasses:
-        fields = _fields(one, flight, alone)
-        if fields is None:
-            continue
-        read, body, down = fields
+    for one, (read, body, down) in _fields(flight, alone):
         left = quaternion.rotate(list_of[:, None], read[None]) - body
         iron = left.mean(axis=1)
         scatter = np.sqrt(((left - iron[:, None]) ** 2).sum(axis=2).mean(axis=1))

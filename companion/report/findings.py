@@ -123,7 +123,7 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
     if len(chosen.start) < 3:
         return []
     off = errors(comparison, chosen)
-    back = quaternion.conjugate(comparison.reference.q_ned_frd[chosen.start])
+    back = quaternion.conjugate(comparison.reference.at(chosen.start).q_ned_frd)
     span = (off.end_s - off.anchor_s)[:, None]
     middle = 0.5 * (off.end_s + off.anchor_s)
     part = _between(middle, low, high)

@@ -222,11 +222,14 @@ def _carried(matrix: Array, covariance: Array, own: slice) -> Array:
     return np.asarray(part @ covariance @ part.swapaxes(-1, -2))
 
 
-def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> Sums:
+def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index, *, step_s: float = 0.0) -> Sums:
     """What of the error growth over windows between samples start (W,) and end (W,) needs no state at the start.
 
     Of windows that begin at the same sample each goes on from where the one before it ends: no sample is read twice.
+    step_s: the trapezoids may be so long, where the samples are closer.
     """
+    if (every := int(step_s * imu.rate_hz)) > 1:
+        imu, path, start, end = _thinned(imu, path, start, end, every)
     count = len(start)
     raw = Sums(
         np.tile(np.eye(15), (count, 1, 1)),
@@ -255,6 +258,18 @@ def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) ->
         here = np.flatnonzero(place == following)
         raw[ascending[here]] = raw[ascending[here - 1]].then(raw[ascending[here]])
     return raw
+
+
+def _thinned(
+    imu: ImuTrack, path: Preintegration, start: Index, end: Index, every: int
+) -> tuple[ImuTrack, Preintegration, Index, Index]:
+    """The windows over every so many samples and all at which one begins or ends, with means of the readings."""
+    kept = np.unique(np.concatenate((np.arange(0, len(imu), every), start, end)))
+    about = np.maximum(kept - every // 2, 0)
+    many = np.maximum(np.diff(about, append=len(imu)), 1)[:, None]
+    gyro, accel = (np.add.reduceat(readings, about) / many for readings in (imu.gyro, imu.accel))
+    first, last = kept.searchsorted(start), kept.searchsorted(end)
+    return ImuTrack(imu.t[kept], gyro, accel), path.at(kept), first, last
 
 
 def joined(pieces: Sums, first: Index, last: Index) -> Sums:

@@ -127,14 +127,14 @@ def _motion(comparison: Comparison) -> _Motion | None:
     if known.sum() < check.AXES_MIN_WINDOWS:
         return None
     start, end = start[known], end[known]
-    q = reference.q_ned_frd
-    turned = turn_between(q[start], q[end])
+    begin, arrived = reference.at(start), reference.at(end)
+    turned = turn_between(begin.q_ned_frd, arrived.q_ned_frd)
     seconds = (track.t[end] - track.t[start])[:, None]
     moving = (reference.position_known[start] & reference.position_known[end])[:, None]
-    moved = np.where(moving, reference.velocity[end] - reference.velocity[start], 0.0)
+    moved = np.where(moving, arrived.velocity - begin.velocity, 0.0)
     force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
     half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
-    pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
+    pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(begin.q_ned_frd, half)), force)
     gyro, accel = (means_between(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
     return _Motion(turned / seconds, gyro, pull, accel)
 

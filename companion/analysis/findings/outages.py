@@ -108,9 +108,10 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
 
     And larger than what the attitude between two of its samples may make of it.
     """
-    t, q = comparison.track.t, comparison.reference.q_ned_frd
+    t = comparison.track.t
     if comparison.track.rate_hz < check.YAW_STEP_RATE_HZ:
         return
+    q = comparison.reference.at(np.arange(len(t))).q_ned_frd
     span = max(1, round(check.YAW_STEP_S * comparison.track.rate_hz))
     start, end, path = slice(0, max(len(t) - span, 0)), slice(span, None), comparison.path
     known = comparison.reference.attitude_known

@@ -120,24 +120,26 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
 
 def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
     """Where one axis (N,) has the form of a flat top. same: (N-1,) neighbours that are alike."""
-    level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
-    moment = round(check.TOP_S * rate_hz)
+    moment, end = round(check.TOP_S * rate_hz), len(column)
     fewest = max(check.TOP_SAMPLES, moment)
     begins, ends = run_edges(np.asarray(same))
     long = (ends + 2 - begins >= fewest) & (begins > 0)
-    for first, last in zip(begins[long].tolist(), ends[long].tolist(), strict=True):
-        top, count = slice(first, last + 2), last + 2 - first
-        most = level[top].max()
-        exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + check.TOP_EDGE) * most
-        scatters = np.ptp(column[top]) > check.TOP_SCATTER * check.FLAT_TOP * most
-        if exceeded or scatters:
-            continue
-        beside = max(1, min(moment + 1, count // 2))
-        before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
-        reached = abs(column[first] - column[before]) > check.TOP_EDGE * most
-        left = abs(column[after] - column[last + 1]) > check.TOP_EDGE * most and most > level[after]
-        if reached and (left or top.stop == len(column)):
-            yield top
+    first, last = begins[long], ends[long] + 1
+    if not len(first):
+        return
+    whole = np.append(column, 0.0)  # a run may go to the end of the track
+    edges = np.column_stack((first, last + 1)).ravel()
+    highest, lowest = np.maximum.reduceat(whole, edges)[::2], np.minimum.reduceat(whole, edges)[::2]
+    most = np.maximum(np.abs(highest), np.abs(lowest))
+    furthest = np.where(column[first] > 0.0, column.max(), -column.min())
+    beside = np.maximum(1, np.minimum(moment + 1, (last + 1 - first) // 2))
+    before, after = np.maximum(first - beside, 0), np.minimum(last + beside, end - 1)
+    exceeded = furthest > (1.0 + check.TOP_EDGE) * most
+    scatters = highest - lowest > check.TOP_SCATTER * check.FLAT_TOP * most
+    reached = np.abs(column[first] - column[before]) > check.TOP_EDGE * most
+    left = (np.abs(column[after] - column[last]) > check.TOP_EDGE * most) & (most > np.abs(column[after]))
+    for i in np.flatnonzero(~exceeded & ~scatters & reached & (left | (last + 1 == end))):
+        yield slice(int(first[i]), int(last[i]) + 1)
 
 
 def read_by(track: ImuTrack, name: str) -> tuple[Array, float]:
@@ -301,7 +303,8 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
     ends = [np.clip(np.searchsorted(track.t, grid + one), 0, len(track) - 1) for one in (-half, half)]
     good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])
     span = np.maximum(track.t[ends[1]] - track.t[ends[0]], 1e-9)[:, None]
-    turned = [turn_between(q[ends[0]], q[ends[1]]) / span for q in (comparison.path.q, reference.q_ned_frd)]
+    pairs = [[comparison.path.q[at] for at in ends], [reference.at(at).q_ned_frd for at in ends]]
+    turned = [turn_between(*pair) / span for pair in pairs]
     by_part = []
     for part in np.array_split(np.arange(len(grid)), check.LAG_PARTS):
         lag = _best(turned[0][part], turned[1][part], np.asarray(good[part]))
@@ -314,12 +317,16 @@ def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
     """The shift, s, that leaves the least between two rates (N, 3); None where none stands out."""
     most = round(check.LAG_MAX_S / check.LAG_GRID_S)
     inner = slice(most, len(gyro) - most)
-    seen, known = attitude[inner] - attitude[inner].mean(axis=0), good[inner]  # a constant rate fits any lag
-    gyro = gyro - gyro[inner].mean(axis=0)
-    power = median((seen[known] ** 2).sum(axis=1)) if known.any() else 0.0
+    seen, gyro = (
+        attitude[inner] - attitude[inner].mean(axis=0),
+        gyro - gyro[inner].mean(axis=0),
+    )  # constants fit any lag
+    known = np.flatnonzero(good[inner])
+    known = known[:: max(1, len(known) // check.LAG_MOMENTS)]
+    power = median((seen[known] ** 2).sum(axis=1)) if len(known) else 0.0
     if power < check.LAG_MIN_RPS**2:
         return None
-    shifted = (gyro[most + k : len(gyro) - most + k][known] for k in range(-most, most + 1))
+    shifted = (gyro[most + k + known] for k in range(-most, most + 1))
     left = np.array([median(((one - seen[known]) ** 2).sum(axis=1)) for one in shifted])
     k = int(np.argmin(left))
     shifts = check.LAG_ASIDE

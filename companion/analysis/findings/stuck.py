@@ -184,7 +184,7 @@ def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, st
     at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step. And a gyro's
     only where they do not read what it turns.
     """
-    sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
+    sensor, q = axes.sensor, comparison.reference.at(np.arange(len(comparison.track))[stretch]).q_ned_frd
     down, span = down_in_body(q), max(1, round(check.TURN_PART * len(q)))
     turned = turn_between(q[:-span], q[span:])
     moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= harm.MOVED_RAD
