@@ -18,8 +18,7 @@ from companion.analysis.drift import Drift, drift_over
 from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
-from companion.analysis.findings.axes import misread_finding, turned_others
-from companion.analysis.findings.settings import righted_compasses
+from companion.analysis.findings.axes import misread_finding, righted_compasses, turned_others
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import (

@@ -116,7 +116,7 @@ def reading_means(track: ImuTrack, start: IntArray, end: IntArray) -> Array:
             np.square(change[1:] - change[:-1], out=square[CURVATURE, 2:])
             np.square((change[1:] + change[:-1]) / apart, out=square[RATE, 1:-1])
             for what, values in enumerate((*square, np.sign(axis), axis == 0.0)):
-                means[:, what, sensor, i] = means_between(values, start, end)
+                means[:, what, sensor, i] = means_between(values, start, np.maximum(end, start + 1))
     return means
 
 
@@ -191,7 +191,7 @@ class Comparison:
             return reading_means(self.track, chosen.start, chosen.end)
         sums = self._second_means * np.diff(self._seconds)[:, None, None, None]
         samples = (chosen.end - chosen.start)[:, None, None, None]
-        return means_between(sums, *seconds) * (seconds[1] - seconds[0])[:, None, None, None] / samples
+        return np.asarray(means_between(sums, *seconds) * (seconds[1] - seconds[0])[:, None, None, None] / samples)
 
     def _of_seconds(self, chosen: Windows) -> tuple[IntArray, IntArray] | None:
         """The first second of each window, and the one behind it; None where they are not made of whole seconds."""

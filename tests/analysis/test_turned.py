@@ -42,10 +42,12 @@ def of_kind(verdict: Verdict, kind: str) -> Finding:
     return one
 
 
-@pytest.mark.parametrize("number", [2, 8])
-def test_the_compass_of_a_multirotor_that_flew_is_named_with_the_value_to_set(number: int) -> None:
+@pytest.mark.parametrize(("number", "witness"), [(2, True), (8, False)])
+def test_a_compass_is_named_with_the_value_to_set_where_a_third_sensor_tells(number: int, *, witness: bool) -> None:
+    """Another IMU, which reads as the one that is judged, or gravity."""
     flight = with_compass(flown(parameters=ARDUPILOT), number)
-    verdict = assess(flight, GENERIC).verdict
+    imus = {**flight.imus, "2": second(flight)} if witness else flight.imus
+    verdict = assess(replace(flight, imus=imus), GENERIC).verdict
     found = of_kind(verdict, "compass_orientation")
     assert (found.side, found.severity, found.undecided) == ("data", "warning", False)
     assert verdict.status == "consistent", "the autopilot was not misled by it"
@@ -54,8 +56,20 @@ def test_the_compass_of_a_multirotor_that_flew_is_named_with_the_value_to_set(nu
     assert "since the start of the log" in found.evidence
 
 
+def test_an_imu_that_is_turned_against_another_and_the_compass_is_accused() -> None:
+    """Though the autopilot follows it, as far as its compass lets it."""
+    flight = with_compass(flown(parameters=ARDUPILOT), 2)
+    other = mounted(second(flight), 2)
+    verdict = assess(replace(flight, imus={**flight.imus, other.source: other}), GENERIC).verdict
+    assert verdict.status == "imu_suspect"
+    found = of_kind(verdict, "axes_wrong")
+    assert "turned by yaw 270° against another IMU and the compass" in found.evidence
+    assert not [f for f in verdict.findings if f.kind == "compass_orientation"]
+
+
 def test_an_autopilot_that_follows_it_was_misled_by_it() -> None:
     flight = with_compass(flown(parameters=ARDUPILOT), 2)
+    flight = replace(flight, imus={**flight.imus, "2": second(flight)})
     quarter = np.tile([0.0, 0.0, -np.pi / 2.0], (len(flight.require_attitude()), 1))
     verdict = assess(turned(flight, quarter), GENERIC).verdict
     assert verdict.status == "autopilot_suspect"
@@ -65,13 +79,15 @@ def test_an_autopilot_that_follows_it_was_misled_by_it() -> None:
     assert any("heading" in one for one in verdict.cause.consequences)
 
 
-def test_what_does_not_hang_at_its_thrust_may_have_its_board_turned() -> None:
+@pytest.mark.parametrize("vehicle", ["QUADROTOR", "GROUND_ROVER"])
+def test_without_a_third_sensor_both_are_named(vehicle: str) -> None:
     flight = with_compass(flown(parameters=ARDUPILOT), 2)
-    rover = replace(flight, vehicle=replace(flight.vehicle, type="GROUND_ROVER"))
-    verdict = assess(rover, GENERIC).verdict
+    flight = replace(flight, vehicle=replace(flight.vehicle, type=vehicle))
+    verdict = assess(flight, GENERIC).verdict
     found = of_kind(verdict, "compass_orientation")
     assert verdict.status == "insufficient_data"
     assert found.undecided
+    assert ("rather the compass" in found.evidence) == (vehicle == "QUADROTOR")
     assert "COMPASS_ORIENT to 6 (yaw 270°; now 4)" in found.advice
     assert "AHRS_ORIENTATION to 0 (none; now 2)" in found.advice
 
@@ -136,7 +152,6 @@ def test_where_the_log_does_not_have_what_is_set_the_turn_alone_is_said() -> Non
 def test_an_internal_compass_turns_with_the_board() -> None:
     parameters = ARDUPILOT | {"COMPASS_EXTERNAL": 0.0, "AHRS_ORIENTATION": 4.0, "COMPASS_ORIENT": 0.0}
     flight = with_compass(flown(parameters=parameters), 2)
-    rover = replace(flight, vehicle=replace(flight.vehicle, type="GROUND_ROVER"))
-    found = of_kind(assess(rover, GENERIC).verdict, "compass_orientation")
-    assert not found.undecided
-    assert found.advice.endswith("if it is external, say so and set COMPASS_ORIENT to 6 (yaw 270°).")
+    found = of_kind(assess(flight, GENERIC).verdict, "compass_orientation")
+    assert found.undecided
+    assert found.advice.endswith("if it is external, set COMPASS_ORIENT to 6 (yaw 270°).")

@@ -125,10 +125,10 @@ def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
     found = replace(result().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
-    found = replace(found, drift=replace(found.drift, imu=evil))
+    drift = replace(found.drift, imu=evil)
     sibling = [replace(s, imu=evil) for s in (*result().redundant_imus, *result().redundant_imus)]
     colours = of_imus([evil])
-    markup = banner("imu_suspect", evil) + verdict.drift_table(found.drift, found, colours[evil], 5.0)
+    markup = banner("imu_suspect", evil) + verdict.drift_table(drift, found, colours[evil], 5.0)
     markup += verdict.redundant_imus_table(sibling, colours) + verdict.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup

@@ -1,8 +1,13 @@
-"""Findings about what the IMU's readings mean: their units, and their axes."""
+"""Findings about what the readings mean: the IMU's units, and its axes, against the autopilot and other sensors.
+
+Two sensors that are turned against each other do not tell which of them sits otherwise than its setting says. A third
+does: gravity, or another IMU that reads as one of them. That a multirotor flew says that its IMU was right, for with a
+board that is turned it leans another way than it was told to; but no log shows how it was flown, so it decides nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
@@ -11,11 +16,12 @@ import numpy as np
 from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSORS
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.findings.settings import board_orientation, mended
+from companion.analysis.findings.settings import board_orientation, compass_orientation, is_internal, mended
+from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
 from companion.analysis.reference import length, turn_between
-from companion.constants import check, harm, healthy
-from companion.estimation import BestEstimate, Reading
-from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
+from companion.constants import check, harm, healthy, num
+from companion.estimation import BestEstimate, Reading, TurnedCompass, righted, turned_compasses
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, orientation_name, orientations
 from companion.strapdown import quaternion
 
 _DOES = {"gyro": "turns", "accel": "feels"}
@@ -81,6 +87,88 @@ def turned_others(
             finding = replace(finding, side="data", severity="warning", evidence=evidence, headline="", undecided=True)
         out.append(finding)
     return out
+
+
+def righted_compasses(
+    flight: Flight, best: BestEstimate, without_compass: Callable[[Flight], BestEstimate]
+) -> tuple[Flight, list[Finding]]:
+    """The flight with compasses turned so that they read as the IMU does, and a finding for each that is turned.
+
+    As it is where none is. best, without_compass: as for `turned_compasses`.
+    """
+    turned = turned_compasses(flight, best, without_compass)
+    if not turned:
+        return flight, []
+    track = flight.imu(best.imu.source)
+    of_imu = [turn for one in turned if _witness(flight, track, turn := orientations()[one.orientation]) == "imu"]
+    if not of_imu:
+        return righted(flight, turned), [_finding(flight, one, best) for one in turned]
+    matrix = quaternion.to_matrix(quaternion.conjugate(of_imu[0]))
+    evidence = f"it is turned by {orientation_name(_number(of_imu[0]))} against another IMU and the compass"
+    return righted(flight, turned), [_wrong(track, evidence, _mending(flight, track, matrix, alone=True))]
+
+
+def _number(turn: Array) -> int:
+    """Of the orientation that reverses a rotation (4,)."""
+    return int(np.argmax(np.abs(orientations() @ quaternion.conjugate(turn))))
+
+
+def _witness(flight: Flight, track: ImuTrack, turn: Array) -> str:
+    """Which of compass and IMU is turned against the other by a rotation (4,), from the compass to the IMU.
+
+    By the other IMUs, which read as one of the two; "" where none does so clearly, or they differ.
+    """
+    said = set()
+    for other in _others(flight, track):
+        if (motion := _beside(track, other)) is None:
+            continue
+        as_imu, as_compass = (
+            sum(_misfit(motion.pull, motion.accel, motion.turn, motion.gyro, rotation))
+            for rotation in (np.eye(3), quaternion.to_matrix(turn))
+        )
+        if min(as_imu, as_compass) < min(harm.AXES_MISFIT, check.ORIENTATION_BETTER * max(as_imu, as_compass)):
+            said.add("compass" if as_imu < as_compass else "imu")
+    return said.pop() if len(said) == 1 else ""
+
+
+def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
+    """About a compass and an IMU that are turned against each other."""
+    turn = orientations()[one.orientation]
+    internal = bool(is_internal(flight, one.instance))
+    sure = _gravity_tells(best, turn) or _witness(flight, flight.imu(best.imu.source), turn) == "compass"
+    board = board_orientation(flight)
+    compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
+    words = (
+        f"the compass ({one.source}){' is turned' if sure else ' and the IMU are turned against each other'} by "
+        f"{orientation_name(one.orientation)} since the start of the log: so turned, its readings are "
+        f"{np.degrees(one.left):.0f}° off the Earth's field, as they are {np.degrees(one.off):.0f}°"
+    )
+    begin, end = float(best.t[0]), float(best.t[-1])
+    if not sure:
+        evidence = f"{words}; which of them sits so, or is set so, cannot be told by their readings"
+        if flight.vehicle.type in UPRIGHT and flown(phases(flight)):
+            evidence += ", but few multirotors with a turned IMU would have flown: rather the compass"
+        turned_board = mended(flight, board, quaternion.conjugate(turn))
+        advice = f"Set {compass} if the compass is mounted so, or {turned_board} if the board is."
+        if internal:
+            advice = f"The compass is set to be internal, turned with {board}: if it is external, set {compass}."
+        return Finding("compass_orientation", "data", "warning", begin, end, evidence, advice, undecided=True)
+    size = float(2.0 * np.arccos(min(abs(turn[0]), 1.0)))
+    cause = Cause("compass_orientation", "data", begin, sensor="compass", size=size, unit="rad")
+    advice = f"Set {compass}, and calibrate the compass again."
+    if internal:
+        advice = f"It is set to be internal, turned with {board}: if it is external, say so and set {compass}."
+    return Finding("compass_orientation", "data", "warning", begin, end, words, advice, words, cause)
+
+
+def _gravity_tells(best: BestEstimate, turn: Array) -> bool:
+    """Whether gravity says that the IMU cannot be turned by the reverse of a rotation (4,).
+
+    It does of one that leaves down not where it is: half of the time the vehicle is nearly upright.
+    """
+    half = np.cos(num.ORIENTATION_HALF_RAD)
+    upright = float(np.median(down_in_body(best.q_ned_frd)[:, 2])) > half
+    return bool(upright and down_in_body(turn[None])[0, 2] < half)
 
 
 _CAUSES = ("axes_wrong", "units_wrong", "frozen")  # readings that say nothing of how another IMU sits

@@ -300,7 +300,9 @@ _MISLEADS = {
     "barometer_frozen": ("height_off",),
     "gps_frozen": ("position_off", "velocity_off", "position_jump"),
     "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
-    "compass_orientation": ("heading_off", "heading_jump", "velocity_off", "position_off", "compass_turn"),
+    "compass_orientation": (
+        *("heading_off", "heading_jump", "tilt_off", "velocity_off", "position_off", "position_jump", "compass_turn"),
+    ),
 }
 """What of an aiding sensor misleads the autopilot → how that shows."""
 
