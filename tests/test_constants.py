@@ -18,7 +18,6 @@ USERS = sorted(p for part in ("estimation", "analysis") for p in (PACKAGE / part
 OWN_TABLES = {
     "estimation/hypotheses.py: HYPOTHESES",  # what may be wrong: priors of size and rate, harmful sizes, words
     "estimation/aiding_sensors.py: _ROWS",  # all that is known of each aiding sensor
-    "estimation/constant_errors.py: _BELIEVED",  # three components of a bias, nine of a matrix
     "estimation/model.py: _PRIORS",  # constants of a flight, their components and priors
     "analysis/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
     "analysis/fault_interval.py: BIAS_UNITS",  # how a bias is printed

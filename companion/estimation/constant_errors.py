@@ -6,17 +6,15 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from companion.constants import healthy
 from companion.estimation.linearisation import Linear
 from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, ConstantErrors, States
-from companion.estimation.system import Motion, Solution, solve
+from companion.estimation.system import Motion, Prior, Solution, solve
 
 _BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)
 _MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
-_BELIEVED = np.repeat([*healthy.BIAS_SIGMA, CONSTANTS["gyro_matrix"][1], CONSTANTS["accel_matrix"][1]], [3, 3, 9, 9])
 
 
-def constant_errors(states: States, solution: Solution) -> ConstantErrors:
+def constant_errors(states: States, solution: Solution, prior: Prior) -> ConstantErrors:
     """The errors that last, about which the problem was made linear and solved."""
     count = len(states.velocity)
     every = np.zeros((*solution.x.shape, 6))
@@ -29,7 +27,8 @@ def constant_errors(states: States, solution: Solution) -> ConstantErrors:
     covariance[6:, :6] = covariance[:6, 6:].T
     covariance[6:, 6:] = solution.constants_covariance[np.ix_(_MATRICES, _MATRICES)]
     biases = states.gyro_bias.mean(axis=0), states.accel_bias.mean(axis=0)
-    return ConstantErrors(np.concatenate([*biases, states.constants[_MATRICES]]), covariance, _BELIEVED)
+    believed = np.concatenate((prior.sigma[_BIASES], prior.constants_sigma[_MATRICES]))
+    return ConstantErrors(np.concatenate([*biases, states.constants[_MATRICES]]), covariance, believed)
 
 
 def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
@@ -49,7 +48,7 @@ def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
     solution = solve(count, motion, measurements, linear.prior)
     part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias", "slow")
     begun = replace(states, **{name: getattr(states, name)[:count] for name in part})
-    return middle, constant_errors(begun.moved(solution.x, solution.c), solution)
+    return middle, constant_errors(begun.moved(solution.x, solution.c), solution, linear.prior)
 
 
 def allowing(errors: ConstantErrors, gyro_scale: float, accel_scale: float) -> ConstantErrors:

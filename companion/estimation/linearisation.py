@@ -335,7 +335,7 @@ def _prior(setup: Setup, states: States, slow: Mapping[str, float]) -> Prior:
     residual = np.zeros(STATES)
     residual[GYRO_BIAS], residual[ACCEL_BIAS] = -states.gyro_bias[0], -states.accel_bias[0]
     residual = np.concatenate((residual, -states.slow[0]))
-    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0, *healthy.BIAS_SIGMA], 3), _slow_sigma(setup, slow)))
+    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0], 3), setup.bias_sigma, _slow_sigma(setup, slow)))
     return Prior(residual, sigma, setup.constants - states.constants, setup.constants_sigma)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -57,6 +57,7 @@ class Setup:
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     relative_noise: Array  # (K-1, 2) gyro's and accelerometer's in each interval, in times its median in the flight
     others: tuple[Differences, ...]  # what the other IMUs read more
+    bias_sigma: Array = field(default_factory=lambda: np.repeat(healthy.BIAS_SIGMA, 3))  # (6,) gyro, accelerometer
 
 
 def set_up(

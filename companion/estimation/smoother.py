@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.constants import num, priors
+from companion.constants import harm, healthy, num, priors
 from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.candidate import Candidate, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
@@ -40,7 +40,7 @@ from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Solution, measurement_residual, solve
 from companion.estimation.time_shift import time_shifted
-from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
+from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +108,9 @@ def explain(
     rivals: list[tuple[Rival, ...]] = []
     shown = scatter(setup)
     start, settled, linear = _begun(setup, starts, shown)
+    if (sigma := _bias_sigma(settled.states)) is not None:
+        setup = replace(setup, bias_sigma=sigma)
+        settled, linear = estimate(setup, replace(settled, near=True))
     further: tuple[Rival, ...] = ()
     while len(accepted) < most_causes:
         adaptation = next_adaptation(setup, start, settled, linear, accepted, shown)
@@ -134,6 +137,20 @@ def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) ->
         if not tried[-1][1].noise.contradicts(shown):
             break
     return max(tried, key=lambda one: likelihood(*one[1:]))
+
+
+def _bias_sigma(states: States) -> Array | None:
+    """(6,) 1σ of the biases at the beginning where some are pulled further than those of parts in order; else None.
+
+    Of few IMUs, which are faulty, a bias is off by more from the first second on. Believed to be in order, such a one
+    would leave the rest of it to other sensors.
+    """
+    usual = np.repeat(healthy.BIAS_SIGMA, 3)
+    faulty = np.hypot(usual, np.repeat([harm.CONSTANT_FAULT_SIGMA[sensor] for sensor in ("gyro", "accel")], 3))
+    bias = np.concatenate((states.gyro_bias[0], states.accel_bias[0]))
+    odds = np.log(priors.FAULTY_IMU / (1.0 - priors.FAULTY_IMU) * usual / faulty)
+    unusual = odds + 0.5 * bias**2 * (usual**-2.0 - faulty**-2.0) > 0.0
+    return np.where(unusual, faulty, usual) if unusual.any() else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,7 +382,7 @@ def _result(
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],
         constants_sigma=np.sqrt(np.maximum(of_constants, 0.0)),
-        errors=constant_errors(states, linear.solution),
+        errors=constant_errors(states, linear.solution, linear.prior),
         first_half=of_first_half(linear),
         noise=settled.noise,
         correlated=(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation import smooth
 from companion.estimation.constant_errors import allowing, constant_errors, of_first_half
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear
@@ -14,7 +15,7 @@ from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import solve
 from companion.model import STANDARD_GRAVITY, Array
-from tests.estimation.sensed import sensed
+from tests.estimation.sensed import BIASES, sensed, with_imu
 
 MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
 
@@ -63,7 +64,7 @@ def test_the_mean_bias_goes_with_the_matrices_as_in_the_dense_problem(linear: Li
         own = k * states + np.r_[GYRO_BIAS, ACCEL_BIAS]
         pick[np.arange(6), own] = 1.0 / count
     pick[6 + np.arange(18), count * states + MATRICES] = 1.0
-    found = constant_errors(linear.states, linear.solution)
+    found = constant_errors(linear.states, linear.solution, linear.prior)
     sigma = np.sqrt(np.diag(found.covariance))
     expected = pick @ covariance @ pick.T
     np.testing.assert_allclose(found.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-4)
@@ -75,8 +76,8 @@ def test_wider_scales_are_as_if_they_had_been_believed_in_before(linear: Linear)
     sigma = prior.constants_sigma.copy()
     sigma[MATRICES[[0, 4, 8]]], sigma[MATRICES[[9, 13, 17]]] = 0.02, 0.01
     again = solve(len(problem.t), problem.motion, problem.measurements, replace(prior, constants_sigma=sigma))
-    expected = constant_errors(linear.states.moved(again.x, again.c), again)
-    once = constant_errors(linear.states.moved(linear.solution.x, linear.solution.c), linear.solution)
+    expected = constant_errors(linear.states.moved(again.x, again.c), again, linear.prior)
+    once = constant_errors(linear.states.moved(linear.solution.x, linear.solution.c), linear.solution, linear.prior)
     found = allowing(once, 0.02, 0.01)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-4, atol=1e-12)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-4, atol=1e-7)
@@ -95,8 +96,20 @@ def test_the_first_half_has_not_heard_the_second(linear: Linear) -> None:
         for one in problem.measurements
     ]
     deaf = solve(len(problem.t), problem.motion, told, linear.prior)
-    whole = constant_errors(linear.states.moved(deaf.x, deaf.c), deaf)
+    whole = constant_errors(linear.states.moved(deaf.x, deaf.c), deaf, linear.prior)
     np.testing.assert_allclose(found.values[6:], whole.values[6:], rtol=1e-3, atol=1e-7)
     np.testing.assert_allclose(found.covariance[6:, 6:], whole.covariance[6:, 6:], rtol=1e-3, atol=1e-10)
-    every = constant_errors(linear.states, linear.solution)
+    every = constant_errors(linear.states, linear.solution, linear.prior)
     assert (np.diag(every.covariance) <= np.diag(found.covariance) * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 3.0])
+def test_a_bias_that_no_part_in_order_has_is_not_held_to_what_parts_in_order_have(size: float) -> None:
+    """Else the rest of it would be a lean that the other sensors contradict."""
+    flight, _ = sensed(40.0, "square", rate=50.0)
+    imu = flight.imu()
+    best = smooth(with_imu(flight, replace(imu, accel=imu.accel + np.array([size, 0.0, 0.0]))))
+    off = best.states.accel_bias.mean(axis=0) - BIASES[1] - [size, 0.0, 0.0]
+    assert (np.abs(off) < 3.0 * best.accel_bias_sigma.max(axis=0)).all()
+    assert best.explained == ()
+    assert (best.errors.possible[3:6] > 1.0).tolist() == [size > 0.0, False, False]
