@@ -292,10 +292,14 @@ class LiveVerdict:
 
     @property
     def now(self) -> tuple[State, str]:
-        """The state that holds now, and why: one of old data says as of when it held."""
+        """The state that holds now, and why: one of old data says as of when it held.
+
+        Nothing has taken an alarm back while the next verdict is waited for: it stays one, unless the link is silent.
+        """
         if not self.is_stale:
             return self.status, self.text
-        return "stale", f"as of {self.age_s:.0f} s ago: {self.text}"
+        alarm = self.status in ("imu_suspect", "autopilot_suspect") and not self.silent
+        return self.status if alarm else "stale", f"as of {self.age_s:.0f} s ago: {self.text}"
 
     @property
     def so_far(self) -> tuple[State, str]:

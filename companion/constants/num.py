@@ -96,6 +96,7 @@ BIAS_LINEAR_LEARNING = 5.0  # times as far it still changes it by less than the 
 LIKELIHOOD_3 = 6.0  # twice the log likelihood of three axes in an interval, per log of their noise
 HUBER = 4.0  # σ beyond which an outlier loses weight
 HUBER_SPAN = 7  # neighbours whose median is the typical size
+ABOVE_NOISE = 10.0  # times the noise, rms: errors in the variable make a scale wrong by the inverse square, 1 %
 SHAKEN_MAX = 10.0  # times that an interval's noise may be larger: beyond, a GPS jump would pass for noise of the IMU
 ROUNDING = 1e-8  # of an information, below which a difference is nothing but rounding
 ROUNDED_BLOCK = 1e-5  # the same of its eigenvalues: those of an interval at rest are off by 6e-6

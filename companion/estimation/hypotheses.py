@@ -237,9 +237,11 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
-        lively = (
-            np.sqrt((measured**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
-        )  # else it is the noise that is scaled
+        least = harm.LIVELY[_SENSOR[block.start]]
+        if block == GYRO_BIAS:
+            known = np.diagonal(problem.motion.weight[:, ATTITUDE, ATTITUDE], axis1=1, axis2=2).mean(axis=1)
+            least = min(least, num.ABOVE_NOISE * float(np.median(1.0 / (np.sqrt(known) * lasted[:, 0]))))
+        lively = np.sqrt((measured**2).mean(axis=0)) > least  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (measured * lively)[:, None, :]
         return Signature(out, {})
 

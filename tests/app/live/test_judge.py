@@ -231,4 +231,7 @@ def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
     old = replace(before, age_s=10.0)
     assert old.now == ("stale", "as of 10 s ago: all is well")
     assert replace(before, silent=True).now[0] == "stale"
+    alarm = replace(old, status="imu_suspect")
+    assert alarm.now == ("imu_suspect", "as of 10 s ago: all is well"), "nothing has taken it back"
+    assert replace(alarm, silent=True).now[0] == "stale"
     assert replace(before, age_s=4.0).now == ("consistent", "all is well")
