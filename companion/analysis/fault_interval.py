@@ -204,7 +204,9 @@ def _size(interval: FaultInterval, best: BestEstimate) -> Size:
 
 
 def reported_size(interval: FaultInterval, best: BestEstimate) -> tuple[float, float, str]:
-    """How large it is said to be, its σ and its unit: of a compass' field that turns the angle."""
+    """How large it is said to be, its σ, its unit: of scales the largest, of a compass' field that turns its angle."""
+    if interval.kind in ("gyro_scale", "accel_scale"):  # three factors, and no vector
+        return float(np.abs(interval.size).max()), interval.sigma, ""
     if interval.kind != "compass_field":
         return interval.magnitude, interval.sigma, hypothesis_of(interval.kind).unit
     angle, sigma = turn_of_the_field(_size(interval, best))

@@ -70,18 +70,18 @@ def _fields(flight: Flight, best: BestEstimate) -> list[tuple[CompassTrack, Fiel
     """
     earth = field_at(best.origin or flight.origin, flight.epoch)
     fewest, most = check.ORIENTATION_READINGS
-    found = []
+    read = []
     for one in flight.compasses if earth is not None else ():
         good = one.calibrated & np.isfinite(one.field).all(axis=1) & (one.t >= best.t[0]) & (one.t <= best.t[-1])
         rows = np.flatnonzero(good)
         if len(rows) >= fewest:
-            found.append((one, rows[:: max(1, len(rows) // most)]))
-    if earth is None or not found:
+            read.append((one, rows[:: max(1, len(rows) // most)]))
+    if earth is None or not read:
         return []
-    to_body = quaternion.conjugate(best.at(np.concatenate([one.t[rows] for one, rows in found]))[0])
+    to_body = quaternion.conjugate(best.at(np.concatenate([one.t[rows] for one, rows in read]))[0])
     field, down = (quaternion.rotate(to_body, v) for v in (earth.ned * num.MICROTESLA, np.array([0.0, 0.0, 1.0])))
-    ends = np.cumsum([len(rows) for _, rows in found])[:-1]
-    pairs = zip(found, np.split(field, ends), np.split(down, ends), strict=True)
+    ends = np.cumsum([len(rows) for _, rows in read])[:-1]
+    pairs = zip(read, np.split(field, ends), np.split(down, ends), strict=True)
     return [(one, (one.field[rows] * num.MICROTESLA, there, below)) for (one, rows), there, below in pairs]
 
 
