@@ -157,7 +157,7 @@ def _of_interval(
         evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
-        evidence += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
+        evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
     cause = None if why else cause_of(interval, best, side, misled)
     advice = would_tell or hypothesis_of(interval.kind).advice

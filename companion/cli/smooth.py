@@ -110,7 +110,7 @@ def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
         other = next((rival.kind for rival in one.rivals if rival.kind != one.kind), "")
         shares = sorted(probabilities(one.rivals).items(), key=lambda pair: -pair[1])
         likely = "; ".join(f"{words(side)} {percent(share)}" for side, share in shares if share > 0.005)
-        second = f"; next: {words(other)}" if other else ""
+        second = f"; runner-up: {words(other)}" if other else ""
         yield (
             f"  {words(one.kind)}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
             f"{one.onset_sigma:.1f}{until} s ({likely}{second})"

@@ -39,15 +39,16 @@ def headline(verdict: Verdict) -> Headline:
         sure = nobody if nobody is not None and nobody >= rest else None
         detail = detail if sure is None else _SURE.sub("", detail)
         return Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
-    if any(one.undecided for one in verdict.findings):
-        return Headline("Cannot tell which side is wrong", "", detail)
+    if (doubt := next((one for one in verdict.findings if one.undecided), None)) is not None:
+        return Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", "", detail)
     return Headline("Too little in this log to judge", "", detail)
 
 
 def wrong(cause: Cause) -> str:
     """Which sensor or which part of the autopilot's estimate: "Gyro z wrong"."""
     if cause.sensor in _SENSORS:
-        return " ".join(filter(None, (_SENSORS[cause.sensor], cause.axis, "wrong")))
+        whose = "" if cause.imu is None else f"of IMU {cause.imu}"
+        return " ".join(filter(None, (_SENSORS[cause.sensor], cause.axis, whose, "wrong")))
     what = words(cause.kind)
     if cause.sensor:
         return f"{what[:1].upper()}{what[1:]} wrong"

@@ -622,7 +622,7 @@ def test_a_side_is_accused_from_a_probability_of_95_percent_on(best: BestEstimat
     (finding,) = findings_of((interval,), (), best)
     assert (finding.side, finding.undecided) == ("imu", False)
     assert finding.evidence.startswith("gyro z bias 80.0")
-    assert finding.evidence.endswith("(probability 96 %; next: compass field, 4 %)")
+    assert finding.evidence.endswith("(probability 96 %; runner-up: compass field, 4 %)")
     assert finding.advice == hypothesis_of("gyro_bias").advice
     assert finding.cause is not None
     assert finding.cause.rival == "compass_field"

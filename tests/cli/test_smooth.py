@@ -34,7 +34,7 @@ def test_what_grows_is_told_per_second(shape: str, unit: str) -> None:
     (line,) = smooth.explained_lines([turns])
     assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s (compass 91 %; " in line
     assert "; nobody 5 %; " in line
-    assert line.endswith("; next: gyro bias)")
+    assert line.endswith("; runner-up: gyro bias)")
 
 
 def test_the_tables_fit_a_terminal_and_the_trajectory_is_written(tmp_path: Path, capsys: Captured) -> None:

@@ -12,7 +12,7 @@ from companion.present import headline
     ("cause", "sentence"),
     [
         (Cause("accel_bias", "imu", 68.8, 80.8, 0.1, "accel", "x"), "Accelerometer x wrong, 69-81 s"),
-        (Cause("gyro_bias", "imu", 68.8, None, 0.1, "gyro"), "Gyro wrong, from 69 s to the end"),
+        (Cause("gyro_bias", "imu", 68.8, None, 0.1, "gyro", imu=1), "Gyro of IMU 1 wrong, from 69 s to the end"),
         (Cause("accel_scale", "imu", 2.0, None, None, "accel"), "Accelerometer wrong, since the start"),
         (Cause("gps_position", "autopilot", 39.8, None, 0.1, "gps"), "GPS position wrong, from 40 s to the end"),
         (Cause("heading_jump", "autopilot", 39.8, 39.9), "Autopilot wrong: heading jump, at 40 s"),
@@ -36,7 +36,7 @@ def test_the_probability_is_said_once() -> None:
 def test_what_cannot_be_told_accuses_nobody() -> None:
     doubt = Finding("tilt_off", "data", "warning", 1.0, 2.0, "they differ", "", undecided=True)
     told = headline(Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,)))
-    assert (told.sentence, told.detail) == ("Cannot tell which side is wrong", "They differ.")
+    assert (told.sentence, told.detail) == ("Cannot tell which side is wrong: tilt off", "They differ.")
     assert (
         headline(Verdict("insufficient_data", "Cannot tell: 4 Hz.", ())).sentence == "Too little in this log to judge"
     )

@@ -72,7 +72,9 @@ class FindingsTab:
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
         could = result.assessment.sensitivity if result else None
-        detectable = [] if could is None or not could.smallest else [f"This flight would have shown: {could}."]
+        detectable = (
+            [] if could is None or not could.smallest else [f"The smallest faults that would have shown: {could}."]
+        )
         _write(self._could, [*detectable, *(f"Not judged: {why}." for why in (could.not_judged if could else ()))])
 
 
