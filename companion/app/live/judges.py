@@ -14,7 +14,7 @@ _LOOK_S = 0.4  # between two looks at whether something has just begun: one each
 PAUSE_S = 4.0  # between the begins of two judgements
 _AGE_S = 4.2  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
 _SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
-_ALARM_SHARE = 1.25  # the same while there is an alarm, which costs more to explain and must not be stale
+_ALARM_SHARE = 1.25  # the same while there is an alarm or one may be near: it costs more to explain, and must not be late
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
 _COSTS_S = 1.6  # of the processor that one may take: what took more is shortened in proportion, the newest come first
 _LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
@@ -60,7 +60,8 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        rests = busy * (_ALARM_SHARE if live_verdict.status.endswith("suspect") else _SHARE)
+        unsettled = live_verdict.status.endswith("suspect") or self._called > busy  # or a look has called for it
+        rests = busy * (_ALARM_SHARE if unsettled else _SHARE)
         self._due = now + max(min(PAUSE_S, _AGE_S - took), rests)
         in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
