@@ -65,7 +65,7 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
     at_start, at_end = (_interpolated(reference.interpolation_error(i, comparison.path)) for i in (start, end))
     leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
     noise = growth.noise
-    shaken = window_noise(comparison, chosen)
+    shaken = window_noise(means, track.rate_hz)
     gyro_density = np.maximum(imu.gyro.noise_density, shaken[:, 0])[:, None, None]
     accel_density = np.maximum(imu.accel.noise_density, shaken[:, 1])[:, None, None]
     gyro_steps, accel_steps = (
@@ -141,15 +141,15 @@ def stacked(comparison: Comparison, chosen: Windows, path: Preintegration | None
     return np.column_stack([window_errors.attitude, window_errors.velocity, window_errors.position])
 
 
-def window_noise(comparison: Comparison, chosen: Windows) -> Array:
+def window_noise(means: Array, rate_hz: float) -> Array:
     """White-noise density of gyro and accelerometer in each window, (W, 2): rad/s/√Hz, m/s²/√Hz, worst axis.
 
-    From second differences, which smooth motion leaves alone. Zero below num.NOISE_RATE_HZ, where motion does not look
-    smooth any more.
+    From second differences, which smooth motion leaves alone: `reading_means` of the windows. Zero below
+    num.NOISE_RATE_HZ, where motion does not look smooth any more.
     """
-    if (rate := comparison.track.rate_hz) < num.NOISE_RATE_HZ:
-        return np.zeros((len(chosen.start), 2))
-    return np.asarray(np.sqrt(comparison.reading_means(chosen)[:, CURVATURE].max(axis=2) / (6.0 * rate)))
+    if rate_hz < num.NOISE_RATE_HZ:
+        return np.zeros((len(means), 2))
+    return np.asarray(np.sqrt(means[:, CURVATURE].max(axis=2) / (6.0 * rate_hz)))
 
 
 def persistent_step_error(readings: Array, step: float) -> Array:

@@ -131,7 +131,9 @@ def test_readings_that_swing_across_steps_are_white_noise_of_a_step_over_root_tw
 def test_the_noise_in_flight_is_measured() -> None:
     model = ImuModel(gyro=Sensor(noise_density=2e-3), accel=Sensor(noise_density=0.05))
     comparison = compare(flight_of(MOTION), track=simulate(MOTION.imu, model, 1))
-    measured = np.median(window_noise(comparison, windows(comparison, 5.0)), axis=0)
+    measured = np.median(
+        window_noise(comparison.reading_means(windows(comparison, 5.0)), comparison.track.rate_hz), axis=0
+    )
     assert measured == pytest.approx([2e-3, 0.05], rel=0.1)
 
 

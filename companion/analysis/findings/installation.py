@@ -117,7 +117,9 @@ def _residuals(comparison: Comparison) -> _Residuals:
         window_errors.attitude,
         window_errors.velocity,
         comparison.growth(chosen),
-        window_noise(comparison, chosen) / np.sqrt(span[:, None]) * span[:, None],
+        window_noise(comparison.reading_means(chosen), comparison.track.rate_hz)
+        / np.sqrt(span[:, None])
+        * span[:, None],
         np.sqrt(sum(np.column_stack([end.attitude, end.velocity]) ** 2 for end in ends)),
     )
 
