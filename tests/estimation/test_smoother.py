@@ -234,3 +234,13 @@ def test_a_gyro_that_reads_too_much_is_corrected_towards_the_truth() -> None:
     sigma = found.constants_sigma[CONSTANTS["gyro_matrix"][0]][-1]
     assert too_much(corrected(scaled.imu(), found).gyro) == pytest.approx(0.0, abs=4.0 * sigma)
     assert sigma < 0.0025
+
+
+def test_a_scale_is_told_of_the_axes_that_turn_more_than_the_noise() -> None:
+    """Pitch by 0.18 rad/s rms, whose noise is a hundredth of that; roll, which is nothing but noise, tells none."""
+    flight, _ = sensed(60.0, "square", rate=50.0)
+    imu = flight.imu()
+    gyro = np.where((imu.t >= 30.0)[:, None], 1.15 * imu.gyro, imu.gyro)
+    (found,) = smooth(with_imu(flight, replace(imu, gyro=gyro))).explained
+    assert (found.kind, found.shape, found.onset) == ("gyro_scale", "step", pytest.approx(30.0, abs=0.5))
+    assert found.size.tolist() == [0.0, pytest.approx(0.15, abs=0.02), pytest.approx(0.15, abs=0.02)]
