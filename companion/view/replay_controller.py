@@ -50,7 +50,7 @@ from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, F
 from companion.view.state.work import Worker
 
 PATIENCE_S = 1.0  # of work before it is spoken of
-OPENING, UNSEEN = 0.8, 2.0
+OPENING, UNSEEN = 0.3, 2.0
 """s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
 being built needs the machine for itself."""
 _ROUNDED_S = 0.02  # by which the instant that a page remembers may differ
