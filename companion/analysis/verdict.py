@@ -286,6 +286,11 @@ class LiveVerdict:
     cause: Cause | None = None  # of an alarm
 
     @property
+    def is_alarm(self) -> bool:
+        """Whether somebody was suspect, when its data were new."""
+        return self.status in ("imu_suspect", "autopilot_suspect")
+
+    @property
     def is_stale(self) -> bool:
         """Whether it says nothing of now."""
         return bool(self.newest) and (self.silent or self.age_s > check.STALE_S)
@@ -298,8 +303,8 @@ class LiveVerdict:
         """
         if not self.is_stale:
             return self.status, self.text
-        alarm = self.status in ("imu_suspect", "autopilot_suspect") and not self.silent
-        return self.status if alarm else "stale", f"as of {self.age_s:.0f} s ago: {self.text}"
+        state: State = self.status if self.is_alarm and not self.silent else "stale"
+        return state, f"as of {self.age_s:.0f} s ago: {self.text}"
 
     @property
     def so_far(self) -> tuple[State, str]:

@@ -10,7 +10,8 @@ from scipy.special import chdtri
 
 from companion.analysis import GENERIC, ReferenceSpec, compare, windows
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, nees, shares_of, stacked, window_noise
-from companion.strapdown import ImuModel, Sensor, motions, propagate, simulate
+from companion.constants import num
+from companion.strapdown import ImuModel, Sensor, error_sums, motions, propagate, simulate
 from tests.flights import flight_of, seconds
 
 pytestmark = pytest.mark.slow
@@ -76,10 +77,19 @@ def test_windows_that_share_a_pass_grow_as_by_themselves(horizon: float) -> None
     chosen = windows(comparison, horizon)
     shared, start = comparison.growth(chosen), chosen.start
     q, velocity = comparison.reference.q_ned_frd[start], comparison.reference.velocity[start]
-    alone = propagate(comparison.track, comparison.path, start, chosen.end, q, velocity)
-    pairs = [(getattr(shared, name), getattr(alone, name)) for name in ("transition", "gyro_matrix", "accel_matrix")]
-    for found, exact in [*pairs, *((shared.noise[cause], covariance) for cause, covariance in alone.noise.items())]:
-        np.testing.assert_allclose(found, exact, atol=5e-3 * np.abs(exact).max())  # longer trapezoids
+    track, path = comparison.track, comparison.path
+    exact = propagate(track, path, start, chosen.end, q, velocity)
+    step = num.COVARIANCE_STEP_S if horizon.is_integer() else 0.0
+    sums = error_sums(track, path, start, chosen.end, step_s=step)
+    alone = propagate(track, path, start, chosen.end, q, velocity, sums=sums)
+    for name in ("transition", "gyro_matrix", "accel_matrix", "time_offset"):
+        np.testing.assert_allclose(getattr(shared, name), getattr(alone, name), atol=1e-10)
+        every_sample = getattr(exact, name)
+        np.testing.assert_allclose(getattr(shared, name), every_sample, atol=5e-3 * np.abs(every_sample).max())
+    for cause, covariance in alone.noise.items():
+        np.testing.assert_allclose(shared.noise[cause], covariance, rtol=1e-9, atol=1e-10)
+        every_sample = exact.noise[cause]
+        np.testing.assert_allclose(shared.noise[cause], every_sample, atol=5e-3 * np.abs(every_sample).max())
 
 
 def test_one_cause_alone_is_the_textbook() -> None:

@@ -242,5 +242,6 @@ def test_a_scale_is_told_of_the_axes_that_turn_more_than_the_noise() -> None:
     imu = flight.imu()
     gyro = np.where((imu.t >= 30.0)[:, None], 1.15 * imu.gyro, imu.gyro)
     (found,) = smooth(with_imu(flight, replace(imu, gyro=gyro))).explained
-    assert (found.kind, found.shape, found.onset) == ("gyro_scale", "step", pytest.approx(30.0, abs=0.5))
+    assert (found.kind, found.shape) == ("gyro_scale", "step")
+    assert found.onset == pytest.approx(30.0, abs=0.5)
     assert found.size.tolist() == [0.0, pytest.approx(0.15, abs=0.02), pytest.approx(0.15, abs=0.02)]

@@ -21,7 +21,15 @@ from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
 from companion.analysis.reference import length, turn_between
 from companion.constants import check, harm, healthy, num
 from companion.estimation import BestEstimate, Reading, TurnedCompass, righted, turned_compasses
-from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, orientation_name, orientations
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    Flight,
+    ImuTrack,
+    orientation_name,
+    orientation_number,
+    orientations,
+)
 from companion.strapdown import quaternion
 
 _DOES = {"gyro": "turns", "accel": "feels"}
@@ -100,20 +108,18 @@ def righted_compasses(
     if not turned:
         return flight, []
     track = flight.imu(best.imu.source)
-    of_imu = [turn for one in turned if _witness(flight, track, turn := orientations()[one.orientation]) == "imu"]
-    if not of_imu:
-        return righted(flight, turned), [_finding(flight, one, best) for one in turned]
-    matrix = quaternion.to_matrix(quaternion.conjugate(of_imu[0]))
-    evidence = f"it is turned by {orientation_name(_number(of_imu[0]))} against another IMU and the compass"
-    return righted(flight, turned), [_wrong(track, evidence, _mending(flight, track, matrix, alone=True))]
+    told = [_which_is_turned(flight, track, orientations()[one.orientation]) for one in turned]
+    if "imu" not in told:
+        pairs = zip(turned, told, strict=True)
+        return righted(flight, turned), [_finding(flight, one, best, which) for one, which in pairs]
+    back = quaternion.conjugate(orientations()[turned[told.index("imu")].orientation])
+    number, _ = orientation_number(back)
+    evidence = f"it is turned by {orientation_name(number)} against another IMU and the compass"
+    mending = _mending(flight, track, quaternion.to_matrix(back), alone=True)
+    return righted(flight, turned), [_wrong(track, evidence, mending)]
 
 
-def _number(turn: Array) -> int:
-    """Of the orientation that reverses a rotation (4,)."""
-    return int(np.argmax(np.abs(orientations() @ quaternion.conjugate(turn))))
-
-
-def _witness(flight: Flight, track: ImuTrack, turn: Array) -> str:
+def _which_is_turned(flight: Flight, track: ImuTrack, turn: Array) -> str:
     """Which of compass and IMU is turned against the other by a rotation (4,), from the compass to the IMU.
 
     By the other IMUs, which read as one of the two; "" where none does so clearly, or they differ.
@@ -131,11 +137,11 @@ def _witness(flight: Flight, track: ImuTrack, turn: Array) -> str:
     return said.pop() if len(said) == 1 else ""
 
 
-def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate) -> Finding:
-    """About a compass and an IMU that are turned against each other."""
+def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate, which: str) -> Finding:
+    """About a compass and an IMU that are turned against each other; which: of them is, by the other IMUs."""
     turn = orientations()[one.orientation]
     internal = bool(is_internal(flight, one.instance))
-    sure = _gravity_tells(best, turn) or _witness(flight, flight.imu(best.imu.source), turn) == "compass"
+    sure = which == "compass" or _gravity_tells(best, turn)
     board = board_orientation(flight)
     compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
     words = (

@@ -301,9 +301,9 @@ _MISLEADS = {
     "gps_frozen": ("position_off", "velocity_off", "position_jump"),
     "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
     "compass_orientation": (
-        *("heading_off", "heading_jump", "tilt_off", "velocity_off", "position_off", "position_jump", "compass_turn"),
+        "heading_off", "heading_jump", "tilt_off", "velocity_off", "position_off", "position_jump", "compass_turn",
     ),
-}
+}  # fmt: skip
 """What of an aiding sensor misleads the autopilot → how that shows."""
 
 

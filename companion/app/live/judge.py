@@ -35,7 +35,6 @@ LEAST_S = 20.0
 _BEFORE_S = 20.0  # of data before an alarm that still lasts
 _LOOK_S = 20.0  # of data for a look at the newest
 _MOST_ALARMS = 50
-_SUSPECT = ("imu_suspect", "autopilot_suspect")
 _TURNS_S = 4.5  # a flip, and what shows that it was one: until then a vehicle that turns over is not lost
 _YOUNG_S = 60.0  # since boot: until then an estimator on the ground may still be finding its heading
 
@@ -103,7 +102,7 @@ class Judge:
         if changed and str(flight.vehicle) != last.vehicle:
             text = f"Vehicle {flight.vehicle} is judged from now on: {changed}{text}"
         verdict = replace(seen, text=text, newest=self.newest, vehicle=str(flight.vehicle), alarms=last.alarms)
-        if status in _SUSPECT:
+        if seen.is_alarm:
             verdict = replace(verdict, alarms=_noted(last.alarms, self._since, status, text, self.newest))
             self._since = min(self._since, self.newest)
         elif status == "consistent":

@@ -60,7 +60,7 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        unsettled = live_verdict.status.endswith("suspect") or self._called > busy  # or a look has called for it
+        unsettled = live_verdict.is_alarm or self._called > busy  # or a look has called for it
         rests = busy * (_ALARM_SHARE if unsettled else _SHARE)
         self._due = now + max(min(PAUSE_S, _AGE_S - took), rests)
         in_time = rests + took <= _AGE_S

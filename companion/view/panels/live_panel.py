@@ -122,9 +122,6 @@ class LivePanel:
         write(self.back, max(at_s or 0.0, low))
 
 
-_ALARMS = ("imu_suspect", "autopilot_suspect")
-
-
 def verdict(now: LiveVerdict, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if now.status and (now.is_stale or not state.problem):
@@ -247,7 +244,7 @@ def _with_age(now: LiveVerdict) -> str:
 
 def _is_dimmed(now: LiveVerdict) -> bool:
     """Whether it stands in grey: of old data, but for an alarm, which nothing has taken back."""
-    return now.is_stale and now.status not in _ALARMS
+    return now.is_stale and not now.is_alarm
 
 
 def messages(sentences: Sequence[str]) -> str:
