@@ -30,7 +30,7 @@ from companion.simulate import SimulatedVehicle, fly, serve
 RATES_HZ = {"ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}
 LINK, PAGE = 14_771, 8_771
 POSES = "poses.f64"  # time of the flight and of the machine's steady clock, s, of each
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 EVERY_S = 10.0
 

@@ -200,7 +200,7 @@ def assess(
     usual = imu_spec if third is None else in_flight(imu_spec, third)
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
     lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
-    agreed = partial(agreement, corrected, parts=parts, usual=usual, autopilot=autopilot)
+    agreed = partial(agreement, corrected, judged, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
     by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
     by_side = {} if best is None else fault_probability(best, constant_fault_probability(constants), landed_at(parts))

@@ -205,9 +205,16 @@ class Expected:
 
 
 def expected_over(
-    comparison: Comparison, chosen: Windows, imu_spec: ImuSpec, autopilot: ReferenceSpec
+    comparison: Comparison,
+    chosen: Windows,
+    imu_spec: ImuSpec,
+    autopilot: ReferenceSpec,
+    corrected: Comparison | None = None,
 ) -> Expected | None:
-    """Over all windows of one length, some at a time: an hour has thousands. None without any."""
+    """Over all windows of one length, some at a time: an hour has thousands. None without any.
+
+    corrected: whose errors they are, in place of the comparison's own: as much is expected of them.
+    """
     if not (count := len(chosen.start)):
         return None
     blocks = _BLOCKS if comparison.has_position else {"attitude": ATTITUDE}
@@ -217,7 +224,7 @@ def expected_over(
         part = slice(first, first + num.WINDOWS_AT_ONCE)
         some = replace(chosen, start=chosen.start[part], end=chosen.end[part])
         allowed = budget(comparison, some, imu_spec, autopilot)
-        error, total = allowed.error, allowed.total
+        error, total = allowed.error if corrected is None else stacked(corrected, some), allowed.total
         for name, block in blocks.items():
             sigma[name][part] = allowed.sigma(block)
             normalised[name][part] = nees(error[:, block], total[:, block, block])
@@ -265,15 +272,20 @@ class Agreement:
 
 def agreement(
     corrected: Comparison,
+    along: Comparison,
     horizon: float,
     parts: Sequence[Phase],
     usual: ImuSpec,
     autopilot: ReferenceSpec,
     within: Sequence[tuple[float, float]],
 ) -> Agreement:
-    """Of the windows of one length within spans (s) that are judged; corrected: with the IMU's known errors removed."""
+    """Of the windows of one length within spans (s) that are judged.
+
+    corrected: with the IMU's known errors removed. along: as it was read, where errors grow alike at the same times.
+    """
     chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
-    expected = expected_over(corrected, chosen, usual, autopilot)
+    same = np.array_equal(corrected.track.t, along.track.t)
+    expected = expected_over(along if same else corrected, chosen, usual, autopilot, corrected)
     return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
 
 

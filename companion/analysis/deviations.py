@@ -32,11 +32,10 @@ from companion.estimation import (
     POSITION,
     VELOCITY,
     BestEstimate,
-    corrected,
     hypothesis_of,
 )
 from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated, weighted_median
-from companion.strapdown import preintegrate, quaternion
+from companion.strapdown import quaternion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +109,7 @@ def autopilot_error(
         return ()
     reference = reference_at(flight.attitude, flight.position, best.t, limits)
     turned = attitude_error(reference.q_ned_frd, best.q_ned_frd)
-    between = reference.interpolation_error(np.arange(len(best.t)), preintegrate(best.imu))
+    between = reference.interpolation_error(np.arange(len(best.t)), best.path)
     attitude = np.hypot(best.sigma(ATTITUDE), between.attitude[:, None])
     velocity = np.hypot(best.sigma(VELOCITY), between.velocity[:, None])
     position = np.hypot(best.sigma(POSITION), between.position[:, None])
@@ -202,7 +201,7 @@ def estimator_deviations(
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(_beyond_the_compass(error[:, 2], best), best, judged, flight.resets)
-    between = reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
+    between = reference.interpolation_error(np.arange(len(t)), best.path)
     tilt = best.sigma(ATTITUDE)[:, :2].max(axis=1)
     off = {
         "tilt": (length(error[:, :2]), _together(tilt, between.attitude)),
@@ -251,11 +250,10 @@ def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, v
     first, (moved, axes) = int(low[-1]), COMPONENTS[quantity]
     if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
         return False
-    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
 
     def off(one: Reference | BestEstimate) -> float:
         start = one.q_ned_frd[first], one.velocity[first], one.position[first]
-        q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
+        q, v, p = best.path.carry(best.index[first], best.index[peak], *start, gravity=best.gravity)
         error = {
             "turn": attitude_error(one.q_ned_frd[peak], q),
             "velocity": one.velocity[peak] - v,

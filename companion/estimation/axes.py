@@ -18,11 +18,11 @@ from companion.constants import healthy, num
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import Start, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import scatter
-from companion.estimation.model import BestEstimate, corrected
+from companion.estimation.model import BestEstimate
 from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.estimation.smoother import Adaptation, boundary, next_adaptation
 from companion.model import STANDARD_GRAVITY, Array, Flight, NoEstimateError
-from companion.strapdown import preintegrate, quaternion
+from companion.strapdown import quaternion
 
 Motion = tuple[tuple[Array, Array], tuple[Array, Array]]
 """Of gyro and accelerometer: what the estimate's motion has and what was read, (K-1, 3) each."""
@@ -83,8 +83,7 @@ def motion_between(best: BestEstimate) -> Motion:
 
     FRD at the start of the interval; the readings without bias, scale error and misalignment as they are estimated.
     """
-    seconds, q, start = np.diff(best.t)[:, None], best.q_ned_frd, best.index[:-1]
-    path = preintegrate(corrected(best.imu, best))
+    seconds, q, start, path = np.diff(best.t)[:, None], best.q_ned_frd, best.index[:-1], best.path
 
     def turned(q: Array) -> Array:
         return quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / seconds

@@ -138,14 +138,15 @@ def trial(
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
-    large, size, sigma, axis = _of_scale(each, v, hypothesis.prior / reached)
+    known = np.linalg.eigh(v)
+    large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / reached)
     if hypothesis.nuisance:
         small, large = large, np.full_like(large, num.LOG_ZERO)
     else:
         usual = np.full(len(onset), harm.NUISANCE * harmful(hypothesis, shape, imu))
         if aliased is not None:
             usual = np.maximum(usual, aliased.sigma(np.minimum(end, flight[1]) - onset))
-        small, *_ = _of_scale(each, v, usual / reached)
+        small, *_ = _of_scale(each, v, known, usual / reached)
     possible = np.abs(size).max(axis=1) * reached[:, None] <= hypothesis.most
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
     sets = slice(None) if b.ndim > 2 else 0
@@ -164,15 +165,16 @@ def fault_of_size(kind: str, size: Array, sigma: float, flight: tuple[float, flo
     return trial(hypothesis_of(kind), "step", (onset, end, weight), flight, b, v, imu=imu).fault
 
 
-def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
-    """Log evidence (T, D) of sizes with 1σ (T,), of b (T, m, D) and v (T, m, m).
+def _of_scale(
+    b: Array, v: Array, known: tuple[Array, Array], sigma: Array
+) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
+    """Log evidence (T, D) of sizes with 1σ (T,), of b (T, m, D) and v (T, m, m); known: eigenvalues and vectors of v.
 
     And the size (T, m, D), 1σ of its length (T, D), and the one component or -1 (T, D).
     """
     m = v.shape[-1]
     prior = sigma**-2.0
-    values, vectors = np.linalg.eigh(v + prior[:, None, None] * np.eye(m))
-    values = np.maximum(values, prior[:, None])  # rounding
+    values, vectors = np.maximum(known[0], 0.0) + prior[:, None], known[1]  # below zero it is rounding
     covariance = (vectors / values[:, None, :]) @ vectors.swapaxes(-1, -2)
     size = covariance @ b
     length = np.sqrt((size * (covariance @ size)).sum(axis=1) / np.maximum((size**2).sum(axis=1), 1e-300))

@@ -20,6 +20,7 @@ import numpy as np
 from companion.constants import num
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate
+from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
@@ -179,7 +180,7 @@ def estimate(
         if count >= num.LEARN_FROM_PASS or start.near:
             noise, scale, slow, change = learn(linear, setup, noise, scale, slow, limits, change)
             wide, largest = noise, max(abs(one.size) for one in change.values())
-            if weighted or accepted or largest < num.DENSITY_NEAR or count >= num.WEIGHTS_FROM_PASS:
+            if weighted or accepted or start.near or largest < num.DENSITY_NEAR or count >= num.WEIGHTS_FROM_PASS:
                 weights, shaken = outlier_weights(linear), np.minimum(shaken * shocks(linear), num.SHAKEN_MAX)
                 weighted += 1
         there = uphill or step.gain < num.LEARNING_MISFIT  # as near as it comes
@@ -246,11 +247,13 @@ def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Ite
 def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     """A start with attitudes, biases, constants and noise of an estimate; velocities and positions follow in one step.
 
-    None where that estimate is of another IMU or another time, or had something to explain.
+    None where that estimate is of another IMU or another time, or had to explain something of an IMU: without it the
+    states would be elsewhere.
     """
     track, t = setup.imu, before.t
     seen = np.flatnonzero((t >= track.t[0]) & (t <= track.t[-1]))
-    if before.imu.source != track.source or not len(seen) or before.explained or before.contradicted:
+    bent = any(hypothesis_of(one.kind).side == "imu" for one in before.explained)
+    if before.imu.source != track.source or not len(seen) or bent or before.contradicted:
         return None
     k = seen[np.clip(np.searchsorted(t[seen], setup.t, side="right") - 1, 0, len(seen) - 1)]
     own, still = before.states, np.zeros((len(k), 3))
@@ -261,4 +264,5 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     q = np.where(carried[:, None], q, first.states.q_ned_frd)
     gyro, accel = (interpolated(setup.t, t, bias) for bias in (own.gyro_bias, own.accel_bias))
     states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)
-    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, first.slow, near=True)
+    slow = {name: before.slow_sigma.get(name, sigma) for name, sigma in first.slow.items()}
+    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, slow, near=True)

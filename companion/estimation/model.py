@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import accumulate
 
 import numpy as np
@@ -13,7 +14,7 @@ from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.block_tridiagonal import Factor
 from companion.model import Array, ImuTrack, Origin, interpolated, nearest
-from companion.strapdown import preintegrate, quaternion
+from companion.strapdown import Preintegration, preintegrate, quaternion
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
 """Places in the error of a keyframe, truth minus estimate: rad and m/s and m in NED, rad/s and m/s² in FRD."""
@@ -246,7 +247,7 @@ class Correlation:
         return max(float(variance), 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)  # without slots: its path is kept
 class BestEstimate:
     """A trajectory from one IMU, every aiding sensor and rest, without the autopilot's estimate."""
 
@@ -265,6 +266,7 @@ class BestEstimate:
     correlated: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
     scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
     measurement_scale: Mapping[str, float]  # aiding sensor → learned σ over the nominal one
+    slow_sigma: Mapping[str, float]  # aiding sensor → learned 1σ of its slow error, in the units of its readings
     residuals: Mapping[str, Residuals]
     gravity: float
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
@@ -316,21 +318,25 @@ class BestEstimate:
         """
         return self.correlation.change_sigma(self.covariance[:, block, block], block, since)
 
+    @cached_property
+    def path(self) -> Preintegration:
+        """One pass over the IMU without the errors that were estimated; carries any window."""
+        return preintegrate(corrected(self.imu, self))
+
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """q_ned_frd (N, 4), velocity and position (N, 3) at times t (N,), carried by the IMU from the keyframe before.
 
         Times are moved to the nearest sample of the IMU, and carried on from there at the velocity of that sample.
         Outside the keyframes the first or last one is carried on.
         """
-        track = corrected(self.imu, self)
-        path = preintegrate(track)
-        sample = nearest(track.t, t)
+        sample = nearest(self.imu.t, t)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         start = self.index.astype(np.intp)[k]
         s = self.states
-        q, v, p = path.carry(start, sample, s.q_ned_frd[k], s.velocity[k], s.position[k], gravity=self.gravity)
-        rest = (t - track.t[sample])[:, None]
-        q = quaternion.multiply(q, quaternion.exp(track.gyro[sample] * rest))
+        q, v, p = self.path.carry(start, sample, s.q_ned_frd[k], s.velocity[k], s.position[k], gravity=self.gravity)
+        rest = (t - self.imu.t[sample])[:, None]
+        gyro = _freed(self.imu.gyro[sample], interpolated(t, self.t, s.gyro_bias), s.constant("gyro_matrix"))
+        q = quaternion.multiply(q, quaternion.exp(gyro * rest))
         return q, v, p + v * rest
 
 
@@ -343,9 +349,10 @@ def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
 
 def without_errors(imu: ImuTrack, states: States, gyro_bias: Array, accel_bias: Array) -> ImuTrack:
     """An IMU track of N samples without biases, (3,) or (N, 3), and without the scale and misalignment of states."""
-    eye = np.eye(3)
-    return replace(
-        imu,
-        gyro=(imu.gyro - gyro_bias) @ (eye - states.constant("gyro_matrix").reshape(3, 3)).T,
-        accel=(imu.accel - accel_bias) @ (eye - states.constant("accel_matrix").reshape(3, 3)).T,
-    )
+    gyro = _freed(imu.gyro, gyro_bias, states.constant("gyro_matrix"))
+    return replace(imu, gyro=gyro, accel=_freed(imu.accel, accel_bias, states.constant("accel_matrix")))
+
+
+def _freed(readings: Array, bias: Array, matrix: Array) -> Array:
+    """Readings (N, 3) without a bias, (3,) or (N, 3), and without scale and misalignment (9,)."""
+    return np.asarray((readings - bias) @ (np.eye(3) - matrix.reshape(3, 3)).T)

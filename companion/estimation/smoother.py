@@ -391,6 +391,7 @@ def _result(
         ),
         scatter=shown,
         measurement_scale=dict(settled.scale),
+        slow_sigma=dict(settled.slow),
         residuals=residuals,
         gravity=setup.gravity,
         origin=setup.origin,
