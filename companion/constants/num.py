@@ -183,7 +183,7 @@ ROUGH_STRETCH_S = 2.0  # before a cause, where it shows that the cause lies in r
 JUMP_STEPS = 8.0  # median steps, of an onset that is tried besides the grid,
 MAX_JUMPS = 8  # and how many are tried
 WEIGH_MIN = 2  # at a time
-WEIGH_SIZE = 12_000  # columns of 20 MB, and as much on the way
+WEIGH_SIZE = 36_000  # columns of 20 MB, and as much on the way
 
 # Rest, biases and mounting
 REST_NEIGHBOURS = 5  # keyframes before and after

@@ -70,6 +70,18 @@ class Factor:
         x *= scale
         return x
 
+    def product(self, x: Array) -> Array:
+        """(m, m) of xᵀ A⁻¹ x, x (K, n, m), summed over all unknowns: half a solution tells it."""
+        even = x * (1.0 / self.scale)[..., None]
+        out = np.zeros((x.shape[2], x.shape[2]))
+        for level in self.levels:
+            odd, even = even[1::2], even[0::2]
+            for part, joined, after in level.parts(len(even)):
+                even[part] -= level.left[part].swapaxes(-1, -2) @ odd[part]
+                even[after] -= level.right[joined].swapaxes(-1, -2) @ odd[joined]
+                out += crossed(odd[part], level.inverse[part] @ odd[part])
+        return out + crossed(even, self.last @ even)
+
     def inverse_blocks(self) -> tuple[Array, Array]:
         """The blocks (K, n, n) on the diagonal of A⁻¹ and (K-1, n, n) right of it: [k, k] and [k, k + 1]."""
         n = self.scale.shape[1]
@@ -116,6 +128,11 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
         d = even
         levels.append(_Level(inverse, left, right))
     return Factor(levels, inverses(d), scale)
+
+
+def crossed(a: Array, b: Array) -> Array:
+    """Σ over k of a_kᵀ b_k: a (K, n, i), b (K, n, j), the sum (i, j)."""
+    return np.asarray(a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2]))
 
 
 def scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:

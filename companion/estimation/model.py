@@ -243,7 +243,7 @@ class Correlation:
         whole = np.zeros((*self.border.shape[:2], 1))
         whole[:, : weights.shape[1], 0] = weights
         of_constants = np.tensordot(self.border, whole, axes=((0, 1), (0, 1)))
-        variance = (whole * self.factor.solve(whole)).sum() + (of_constants.T @ self.constants @ of_constants).sum()
+        variance = self.factor.product(whole).item() + (of_constants.T @ self.constants @ of_constants).sum()
         return max(float(variance), 0.0)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import num
-from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
+from companion.estimation.block_tridiagonal import crossed, factorise, gram, roots, scaled
 from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem, Signature, hypothesis_of
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import SLOPED, activation
@@ -115,9 +115,8 @@ def score(
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
-    return _gradient_and_information(
-        solution, factors, hypothesis, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t))
-    )
+    together = max(num.WEIGH_MIN, num.WEIGH_SIZE // (len(problem.t) * signature.unknowns))
+    return _gradient_and_information(solution, factors, hypothesis, shape, onset, end, together)
 
 
 def _gradient_and_information(
@@ -153,15 +152,17 @@ def _gradient_and_information(
         b += np.tensordot(share, one.b, axes=1)
         v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)
-        column[one.keyframe] += one.rows[:, :, None, :] * share.T[:, None, :, None]
-        if one.next_rows is not None:
-            column[one.keyframe + 1] += one.next_rows[:, :, None, :] * share.T[:, None, :, None]
-    flat = column.reshape(count * states, pieces * m)
-    solved = solution.factor.solve(flat.reshape(count, states, pieces * m)).reshape(flat.shape)
-    rest = border.reshape(-1, pieces * m) - solution.border.reshape(count * states, -1).T @ flat
-    made_up = (flat.T @ solved + rest.T @ (solution.constants_covariance @ rest)).reshape(pieces, m, pieces, m)
-    crossed = np.tensordot(within, made_up, axes=1)  # (T, m, P, m)
-    return np.tensordot(within, b, axes=1), v - np.einsum("tipj,tp->tij", crossed, within)
+        for piece, own in enumerate(share):
+            some = np.flatnonzero(own)
+            part, keyframe = own[some, None, None], one.keyframe[some]
+            column[keyframe, :, piece] += one.rows[some] * part
+            if one.next_rows is not None:
+                column[keyframe + 1, :, piece] += one.next_rows[some] * part
+    flat = column.reshape(count, states, pieces * m)
+    rest = border.reshape(-1, pieces * m) - crossed(solution.border, flat)
+    made_up = solution.factor.product(flat) + rest.T @ (solution.constants_covariance @ rest)
+    beside = np.tensordot(within, made_up.reshape(pieces, m, pieces, m), axes=1)  # (T, m, P, m)
+    return np.tensordot(within, b, axes=1), v - np.einsum("tipj,tp->tij", beside, within)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,8 +186,8 @@ class Scan:
         groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.integrated[:1])]
         share = np.concatenate([one[:, :, : row.basis_order] for one in groups], axis=2).reshape(len(onset), -1)
         m = b.shape[2]
-        crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
-        return np.tensordot(share, b.reshape(-1, *b.shape[2:]), axes=1), np.einsum("tmqn,tq->tmn", crossed, share)
+        beside = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
+        return np.tensordot(share, b.reshape(-1, *b.shape[2:]), axes=1), np.einsum("tmqn,tq->tmn", beside, share)
 
     def _shares(self, shape: str, onset: Index, end: Index) -> Array:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""

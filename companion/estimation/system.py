@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num
-from companion.estimation.block_tridiagonal import Factor, factorise, gram
+from companion.estimation.block_tridiagonal import Factor, crossed, factorise, gram
 from companion.model import Array
 
 Index = npt.NDArray[np.intp]
@@ -169,20 +169,20 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
         diagonal[after] += weight
         border[own] += phi.swapaxes(-1, -2) @ weighted_beside
         border[after] -= weighted_beside
-        inner += _crossed(beside, weighted_beside)[:-1]
+        inner += crossed(beside, weighted_beside)[:-1]
         upper[own] = -weighted.swapaxes(-1, -2)
 
         own = slice(first, min(first + num.BATCH, count))
         h, beside = _whitened(own, measurements, states, constants)
         diagonal[own] += gram(h)
         border[own] += h.swapaxes(-1, -2) @ beside
-        inner += _crossed(beside, beside)[:-1]
+        inner += crossed(beside, beside)[:-1]
 
     factor = factorise(diagonal, upper)
     del upper
     solved = factor.solve(border)
     y, x0 = solved[..., :-1], solved[..., -1]
-    inner -= _crossed(border, solved)[:-1]
+    inner -= crossed(border, solved)[:-1]
     schur, b_c = inner[:, :-1], inner[:, -1]
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
     c = covariance @ b_c
@@ -206,11 +206,6 @@ def _whitened(own: slice, measurements: Sequence[Measurement], states: int, cons
         beside[here, place, -1] = one.residual[part] * root
         at = place.stop
     return h, beside
-
-
-def _crossed(a: Array, b: Array) -> Array:
-    """Σ over k of a_kᵀ b_k: a (K, n, i), b (K, n, j), the sum (i, j)."""
-    return np.asarray(a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2]))
 
 
 def _times(a: Array, b: Array) -> Array:
@@ -259,8 +254,8 @@ def motion_residual_covariance(
     """
     own, beside = blocks
     phi = motion.transition[part]
-    crossed = phi @ beside[part]
-    chain = phi @ own[:-1][part] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:][part]
+    cross = phi @ beside[part]
+    chain = phi @ own[:-1][part] @ phi.swapaxes(-1, -2) - cross - cross.swapaxes(-1, -2) + own[1:][part]
     y = solution.border
     constants = motion.constants[part] - phi @ y[:-1][part] + y[1:][part]
     return np.asarray(chain + _times(constants, solution.constants_covariance) @ constants.swapaxes(-1, -2))
