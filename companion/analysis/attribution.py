@@ -9,6 +9,7 @@ A deviation that follows a fault interval is its consequence; one that follows n
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -229,9 +230,12 @@ _CONTRADICTED = (
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 
 
+_EITHER = "it cannot be told which of the two is wrong"
+
+
 def _wanders(best: BestEstimate) -> str:
     lost = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
-    return f"the gyro's bias wanders by {lost:.1f} mrad/s in a minute (1σ): it cannot be told which of them is wrong"
+    return f"the gyro's bias wanders by {lost:.1f} mrad/s in a minute (1σ): {_EITHER}"
 
 
 _NOT_CONVERGED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
@@ -247,17 +251,26 @@ def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
     reasons = (
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
-        ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
+        ("gps_position" not in best.residuals, f"without GPS {_EITHER}", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
         (best.noise.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
-        (deviation.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
-         _ANOTHER),
+        (deviation.start >= by_imu, f"the IMU moved as the autopilot says: {_EITHER}", _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
         (deviation.probability < priors.ACCUSED,
          f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})", _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
+
+
+def possible_error(deviation: EstimatorDeviation) -> Finding:
+    """A deviation that would do harm, and may as well be chance."""
+    kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
+    evidence = (
+        f"autopilot and IMU differ by {deviation}, which may be chance "
+        f"(an error of the estimator: {percent(deviation.probability)})"
+    )
+    return Finding(kind, "data", "info", start, end, evidence, "", cause=deviation.cause)
 
 
 def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Finding:
@@ -271,8 +284,14 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Fi
     why, would_tell = _why_unsure(deviation, best, by_imu)
     kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
     if why:
-        evidence = f"autopilot and IMU differ by {deviation}; {why}"
-        cause = deviation.cause if why.startswith(_HARDLY_OFF) else None
+        evidence, cause = f"autopilot and IMU differ by {deviation}; {why}", None
+        if why.startswith(_HARDLY_OFF):
+            cause = deviation.cause
+        elif why.endswith(_EITHER):
+            sure, rival = deviation.or_imu
+            evidence += f" (the estimator {percent(sure)}, the IMU {percent(rival)})"
+            own = deviation.cause
+            cause = replace(own, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=rival)
         return Finding(kind, "data", "warning", start, end, evidence, would_tell, cause=cause, undecided=True)
     against = "the best estimate of the sensors, which agree with each other"
     evidence = f"its estimate is off by {deviation} against {against}"

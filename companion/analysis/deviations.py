@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation
+from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation, error_probability
 from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import (
@@ -24,7 +24,7 @@ from companion.analysis.reference import (
     reference_at,
     wrapped,
 )
-from companion.constants import check, harm, healthy, num
+from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import (
     ATTITUDE,
     CONSTANTS,
@@ -192,11 +192,61 @@ def estimator_deviations(
     where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
+    return _deviations(flight, best, limits, tilted)[0]
+
+
+def possible_deviations(
+    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
+) -> tuple[EstimatorDeviation, ...]:
+    """Beside those the largest of each other quantity that would do harm, and may be chance as well."""
+    return _deviations(flight, best, limits, tilted)[1]
+
+
+def _deviations(
+    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]
+) -> tuple[tuple[EstimatorDeviation, ...], tuple[EstimatorDeviation, ...]]:
+    """Those that are called, in order of time, and those that may be chance."""
+    reference, off = _off(flight, best, limits, tilted)
+    called: list[EstimatorDeviation] = []
+    possible: list[EstimatorDeviation] = []
+    for name, (value, sigma, known) in off.items():
+        both = np.hypot(sigma, healthy.AP_SIGMA[name])
+        harmful = (value > _LEAST[name]) & (error_probability(name, value, both) > 1.0 - priors.ACCUSED)
+        if own := _lasting(best, reference, name, value, both, known & (value > least_deviation(name, sigma))):
+            called += own
+        elif some := _lasting(best, reference, name, value, both, known & harmful):
+            possible.append(max(some, key=lambda one: one.probability))
+    return tuple(sorted(called, key=lambda d: d.start)), tuple(possible)
+
+
+def _lasting(
+    best: BestEstimate, reference: Reference, name: str, value: Array, sigma: Array, where: BoolArray
+) -> list[EstimatorDeviation]:
+    """Each stretch of keyframes (K,) that lasts; one that begins with a step need not last as long as what grows."""
+    out, t = [], best.t
+    for first, last in runs(where):
+        before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
+        stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
+        if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
+            peak = first + int(np.argmax(value[first : last + 1]))
+            confirmed = _confirmed_by_imu(best, reference, name, value, peak)
+            size, own = float(value[peak]), float(sigma[peak])
+            out.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, confirmed))
+    return out
+
+
+def _off(
+    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]
+) -> tuple[Reference, dict[str, tuple[Array, Array, BoolArray]]]:
+    """The autopilot's state at the keyframes, and by how much it is off in each quantity, 1σ and where that is known.
+
+    (K,) each: rad, m/s, m. None where less than some keyframes are judged.
+    """
     t = best.t
     reference = reference_at(flight.require_attitude(), flight.position, t, limits)
     judged = judged_at(flight, t) & reference.attitude_known
     if judged.sum() < 5:
-        return ()
+        return reference, {}
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
@@ -204,8 +254,8 @@ def estimator_deviations(
     between = reference.interpolation_error(np.arange(len(t)), best.path)
     tilt = best.sigma(ATTITUDE)[:, :2].max(axis=1)
     off = {
-        "tilt": (length(error[:, :2]), _together(tilt, between.attitude)),
-        "heading": (heading, _together(doubt, between.attitude)),
+        "tilt": (length(error[:, :2]), _together(tilt, between.attitude), judged),
+        "heading": (heading, _together(doubt, between.attitude), judged),
     }
     known = judged & reference.position_known
     which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
@@ -215,26 +265,14 @@ def estimator_deviations(
         place = length(moved - at_first(moved, known, which))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
-        off["velocity"] = speed, _together(best.sigma(VELOCITY)[:, :2].max(axis=1), late * pull, between.velocity)
-        off["position"] = place, _together(best.sigma(POSITION)[:, :2].max(axis=1), late * swift, between.position)
+        known_velocity, known_position = (best.sigma(block)[:, :2].max(axis=1) for block in (VELOCITY, POSITION))
+        off["velocity"] = speed, _together(known_velocity, late * pull, between.velocity), known
+        off["position"] = place, _together(known_position, late * swift, between.position), known
     if len(HEIGHTS & best.residuals.keys()) > 1 and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
-        off["height"] = np.abs(above - at_first(above, known, which)), height
-    deviations: list[EstimatorDeviation] = []
-    for name, (value, sigma) in off.items():
-        both = np.hypot(sigma, healthy.AP_SIGMA[name])
-        where = (judged if name in ("tilt", "heading") else known) & (value > least_deviation(name, sigma))
-        for first, last in runs(np.asarray(where)):
-            before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
-            stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
-            if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
-                peak = first + int(np.argmax(value[first : last + 1]))
-                size, own = float(value[peak]), float(both[peak])
-                confirmed = _confirmed_by_imu(best, reference, name, value, peak)
-                begin, end = float(t[first]), float(t[last])
-                deviations.append(EstimatorDeviation(name, begin, end, size, own, confirmed))
-    return tuple(sorted(deviations, key=lambda d: d.start))
+        off["height"] = np.abs(above - at_first(above, known, which)), height, known
+    return reference, off
 
 
 def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:

@@ -73,11 +73,15 @@ class EstimatorDeviation:
 
     @property
     def probability(self) -> float:
-        """That the estimator is in error, of two normal distributions: one in order is off by sigma (Bayes)."""
-        large = float(np.hypot(self.sigma, harm.AP_ERROR_SIGMA[self.quantity]))
-        odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * self.sigma / large)
-        odds += 0.5 * self.size**2 * (self.sigma**-2 - large**-2)
-        return float(1.0 / (1.0 + np.exp(-odds)))
+        """That the estimator is in error."""
+        return float(error_probability(self.quantity, np.array([self.size]), np.array([self.sigma]))[0])
+
+    @property
+    def or_imu(self) -> tuple[float, float]:
+        """That the estimator is in error, and that an IMU is, where only how often they are tells the two apart."""
+        odds = self.probability / max(1.0 - self.probability, 1e-300)
+        imu = odds * priors.FAULTY_IMU / priors.ESTIMATOR_ERROR
+        return odds / (1.0 + odds + imu), imu / (1.0 + odds + imu)
 
     @property
     def cause(self) -> Cause:
@@ -92,6 +96,17 @@ class EstimatorDeviation:
     def __str__(self) -> str:
         unit, scale = DEVIATION_UNITS[self.quantity]
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
+
+
+def error_probability(quantity: str, size: Array, sigma: Array) -> Array:
+    """(N,) that an estimator which is off by a size is in error, of two normal distributions (Bayes).
+
+    One in order is off by sigma: rad, m/s, m.
+    """
+    large = np.hypot(sigma, harm.AP_ERROR_SIGMA[quantity])
+    odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * sigma / large)
+    odds += 0.5 * size**2 * (sigma**-2.0 - large**-2.0)
+    return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
 
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:

@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-import numpy as np
-
 from companion.analysis.budget import Agreement
 from companion.analysis.comparison import left_out
 from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
@@ -91,14 +89,20 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
 
 
 def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding]) -> Mapping[str, float]:
-    """Beside the sensors the autopilot: that its estimate is in error by itself, where no sensor has a fault."""
+    """Beside the sensors the autopilot: that its estimate is in error by itself, where no sensor is known to be.
+
+    Where nothing tells it from a fault of the IMU, that takes its own share of what is left for nobody.
+    """
     if not probability:
         return probability
-    off = (f for f in findings if f.severity == "error" or (f.undecided and f.side == "data"))
-    own = [f.cause for f in off if f.cause is not None and f.cause.side == "autopilot" and not f.cause.sensor]
-    healthy = float(np.prod([1.0 - (1.0 if one.probability is None else one.probability) for one in own]))
-    nobody = probability["nobody"]
-    return {**probability, "autopilot": nobody * (1.0 - healthy), "nobody": nobody * healthy}
+    shares = {**probability, "autopilot": 0.0}
+    off = (f.cause for f in findings if f.cause is not None and (f.severity == "error" or f.side == "data"))
+    for own in (cause for cause in off if cause.side == "autopilot" and not cause.sensor):
+        sure, imu = (1.0, 0.0) if own.probability is None else (own.probability, own.rival_probability or 0.0)
+        nobody = shares["nobody"]
+        parts = {"autopilot": nobody * sure, "imu": nobody * imu, "nobody": -nobody * (sure + imu)}
+        shares |= {side: shares[side] + part for side, part in parts.items()}
+    return shares
 
 
 def _decided(

@@ -146,9 +146,8 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     """The lines under the evidence: label, text. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
-    flights = assessment.verdict.flights
-    for i, flight in enumerate(flights[:_FLIGHTS], 1):
-        yield f"Flight {i}", present.flight_words(flight)
+    flights = present.flight_lines(assessment.verdict)
+    yield from flights[:_FLIGHTS]
     if len(flights) > _FLIGHTS:
         yield "", f"and {counted(len(flights) - _FLIGHTS, 'flight')} more: --full"
     yield _drift(assessment)

@@ -57,8 +57,7 @@ def show(lines: Iterable[str | Table], *, json: bool, document: Callable[[], Doc
 def verdict_lines(verdict: Verdict, *, most: int = present.MOST_LINES) -> Iterator[str]:
     """The verdict, each flight by itself where there are several, and the findings under it."""
     yield f"{status_text(verdict.status)}  {escape(present.clause(verdict.summary))}"
-    for i, flight in enumerate(verdict.flights, 1):
-        yield f"  Flight {i}, {escape(present.flight_words(flight))}"
+    yield from (f"  {escape(', '.join(flight))}" for flight in present.flight_lines(verdict))
     groups, left = present.ranked(verdict.findings, most)
     for group in groups:
         one = group.findings[0]

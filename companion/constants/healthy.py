@@ -79,6 +79,7 @@ EKF_UNFED_S = 2.0  # an estimator without anything new has hardly moved for so l
 COARSEST_STEP = {"compass": 4.35e-7, "barometer": 0.55, "gps": 0.02}
 GYRO_BIAS_RPS = 0.1  # of an even turn so much may be the gyro's bias
 BAROMETER_DEGC = (-40.0, 85.0)  # for which barometers are made (MS5611, BMP280, BMP388, DPS310, LPS22 alike)
+FASTEST_IMU_HZ = 32_000.0  # ICM-42688-P: the highest output rate of such parts
 MAX_MPS2 = 60.0  # m/s²: of vehicles that these autopilots fly
 GPS_DRIVER_DELAY_S = (0.08, 0.22)  # by the receiver, where none is set (ArduPilot, get_lag of AP_GPS_SBF and _UBLOX)
 GPS_HEIGHT_WANDER_M = 1.5  # 1σ: how far the heights of a healthy GPS wander meanwhile

@@ -37,13 +37,16 @@ def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) 
 def clip_counters(series: Series) -> Iterator[tuple[str, Array, Array]]:
     """Every counter of a "vibration" series that is told: its column, times (N,) s, readings since the first (N,).
 
-    One that begins anew is not counted backwards.
+    One that begins anew is not counted backwards, and one of a damaged message not at all: it cannot grow faster than
+    an IMU reads.
     """
     for name in (column for column in series.columns if column.startswith("clips_")):
         known = np.isfinite(series[name])
         if known.any():
-            grown = np.maximum(np.diff(series[name][known]), 0.0)
-            yield name, series.t[known], np.concatenate([[0.0], np.cumsum(grown)])
+            t, count = series.t[known], series[name][known]
+            possible = np.append(True, np.diff(count) <= healthy.FASTEST_IMU_HZ * np.diff(t))
+            grown = np.maximum(np.diff(count[possible]), 0.0)
+            yield name, t[possible], np.append(0.0, np.cumsum(grown))
 
 
 def broken_intervals(

@@ -46,15 +46,17 @@ def main_axis(value: Array) -> str:
     return "xyz"[worst] if np.linalg.norm(np.delete(value, worst)) < 0.2 * abs(value[worst]) else ""
 
 
-def by_axes(sensor: str, unit: str, factor: float, decimals: int) -> Phrase:
+def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int) -> Phrase:
     """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
 
     def phrase(size: Size) -> str:
         parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
         spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
         if axis := main_axis(size.value):
-            return f"{sensor} {axis} bias {parts['xyz'.index(axis)]} {spread}"
-        return f"{sensor} bias ({', '.join(parts)}) {spread}"
+            return f"{sensor} {axis} {error} {parts['xyz'.index(axis)]} {spread}"
+        return (
+            f"{sensor} {error} {', '.join(f'{axis} {part}' for axis, part in zip('xyz', parts, strict=True))} {spread}"
+        )
 
     return phrase
 
@@ -306,22 +308,22 @@ _LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the 
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gyro_bias", "the gyro's bias steps, grows or comes and goes",
-         by_axes("gyro", "mrad/s", 1e3, 1),
+         by_axes("gyro", "bias", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
          "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), apart=8e-3, serious=5e-3,
          rate=1e-3),
     Hypothesis("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
-         by_axes("accelerometer", "m/s²", 1.0, 2),
+         by_axes("accelerometer", "bias", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
          "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", apart=0.4, serious=0.2,
          rate=1e-3),
     Hypothesis("gyro_scale", "the gyro's scale changes",
-         by_axes("gyro", "% of what it turns", 100.0, 1),
+         by_axes("gyro", "scale error", "%", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
          "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", apart=0.05, rate=3e-4,
          most=num.MAX_SCALE),
     Hypothesis("accel_scale", "the accelerometer's scale changes",
-         by_axes("accelerometer", "% of what it feels", 100.0, 1),
+         by_axes("accelerometer", "scale error", "%", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
          "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", apart=0.05, rate=3e-4,
          most=num.MAX_SCALE),

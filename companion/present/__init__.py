@@ -14,7 +14,7 @@ from companion.present.findings import (
     MOST_LINES,
     FindingGroup,
     Headline,
-    flight_words,
+    flight_lines,
     grouped,
     headline,
     lasting,

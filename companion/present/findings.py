@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from companion.analysis import Cause, Finding, FlightVerdict, Verdict, by_severity
+from companion.analysis import Cause, Finding, Verdict, by_severity
 from companion.analysis import percent as probability
 from companion.model import words
 from companion.present.formats import capitalised, clause, shown_unit, significant, with_unit
@@ -120,10 +120,18 @@ def span(finding: Finding) -> str:
     return f"{start} s" if start == end else f"{start}-{end} s"
 
 
-def flight_words(flight: FlightVerdict) -> str:
-    """One flight of several: when it was, its status and the sentence without the numbers in its brackets."""
-    sentence = _BRACKETS.sub("", clause(flight.summary))
-    return f"{flight.start_s:.1f}-{flight.end_s:.1f} s, {words(flight.status)}: {sentence}"
+def flight_lines(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+    """Each flight of several: "Flight 2", and when it was, its status and the sentence, where that is a new one.
+
+    Without the numbers in its brackets.
+    """
+    lines, before = [], {verdict.summary: "as above"}
+    for i, flight in enumerate(verdict.flights, 1):
+        sentence = before.get(flight.summary) or _BRACKETS.sub("", clause(flight.summary))
+        before.setdefault(flight.summary, f"as flight {i}")
+        when = f"{flight.start_s:.1f}-{flight.end_s:.1f} s"
+        lines.append((f"Flight {i}", f"{when}, {words(flight.status)}: {sentence}"))
+    return tuple(lines)
 
 
 def _size(finding: Finding) -> float:

@@ -17,7 +17,7 @@ from companion.documents import analysis_document, encode
 from companion.model import Flight, counted
 from companion.present import (
     QUANTITIES,
-    flight_words,
+    flight_lines,
     headline,
     palette,
     paragraph,
@@ -42,7 +42,7 @@ def head(subject: Subject, ground: str) -> str:
     flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
     tracks = {"attitude": flight.attitude, "position": flight.position}
     against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
-    flights = "".join(paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(verdict.flights, 1))
+    flights = "".join(paragraph(", ".join(one)) for one in flight_lines(verdict))
     body = f"{_banner(verdict)}{flights}{_worst(subject)}{_usual(subject)}{_warning(flight, rate)}"
     title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
     return f"<header>{title}{_beside(body, ground)}</header>"

@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
-from companion.analysis.attribution import findings_of, follows
+from companion.analysis.attribution import findings_of, follows, possible_error
 from companion.analysis.comparison import compare
-from companion.analysis.deviations import estimator_deviations
+from companion.analysis.deviations import estimator_deviations, possible_deviations
 from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
@@ -116,6 +116,22 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=1.0)
     assert estimator_deviations(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
+
+
+def test_a_harmful_deviation_that_may_be_chance_is_said_with_its_probability(
+    flight: Flight, best: BestEstimate
+) -> None:
+    """11° where both may be off by 4.3°, 1σ: less than three of them, and more than does no harm."""
+    off, doubted = headed(flight, 11.0), unsure(best)
+    assert estimator_deviations(off, doubted, Limits()) == ()
+    (heading,) = possible_deviations(off, doubted, Limits())
+    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([11.0, 4.3], abs=1.0)
+    finding = possible_error(heading)
+    assert (finding.severity, finding.undecided) == ("info", False)
+    assert finding.cause is not None
+    assert finding.cause.probability == pytest.approx(0.15, abs=0.1)
+    assert possible_deviations(headed(flight, 6.0), doubted, Limits()) == ()  # harms nobody
+    assert possible_deviations(headed(flight, 40.0), doubted, Limits()) == ()  # is called
 
 
 def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_of_it(

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.analysis.attribution import possible_error
 from companion.analysis.fault_interval import EstimatorDeviation
 from companion.analysis.finding import Cause, Finding, Side
 from companion.analysis.verdict import Agreement, decide
-from companion.constants import num
-from companion.constants.priors import ACCUSED
+from companion.constants import num, priors
 
 
 def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str) -> Finding:
@@ -126,8 +126,8 @@ def test_an_error_of_the_estimator_is_the_likelier_the_further_it_is_off() -> No
     """An estimator that is off by less than three σ may be in order; from five on it hardly is."""
     shares = [EstimatorDeviation("tilt", 0.0, 9.0, size, 0.02).probability for size in np.linspace(0.0, 0.12, 50)]
     assert (np.diff(shares) > 0.0).all()
-    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.06, 0.02).probability < ACCUSED
-    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02).probability > ACCUSED
+    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.06, 0.02).probability < priors.ACCUSED
+    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02).probability > priors.ACCUSED
 
 
 @pytest.mark.parametrize("size", [0.05, 0.2])
@@ -139,3 +139,21 @@ def test_the_autopilot_has_a_probability_beside_the_sensors(size: float) -> None
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["autopilot"] == pytest.approx(0.9 * off.probability)
     assert shares["imu"] == sensors["imu"]
+    perhaps = decide(agreements(5, {"attitude": 0.9}), (possible_error(off),), None, "RAW_IMU", sensors)
+    assert perhaps.status == "consistent"
+    assert perhaps.probability == shares
+
+
+def test_where_either_may_be_wrong_both_have_their_share() -> None:
+    off = EstimatorDeviation("tilt", 50.0, 60.0, 0.2, 0.02)
+    sure, imu = off.or_imu
+    assert sure / imu == pytest.approx(priors.ESTIMATOR_ERROR / priors.FAULTY_IMU)
+    assert sure + imu > off.probability - 0.01
+    either = replace(off.cause, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=imu)
+    finding = Finding("tilt_off", "data", "warning", 50.0, 60.0, "they differ", "", cause=either, undecided=True)
+    sensors = {"imu": 0.04, "gps": 0.0, "compass": 0.06, "barometer": 0.0, "nobody": 0.9}
+    verdict = decide(agreements(5, {"attitude": 0.9}), (finding,), None, "RAW_IMU", sensors)
+    assert verdict.status == "insufficient_data"
+    assert sum(verdict.probability.values()) == pytest.approx(1.0)
+    assert verdict.probability["autopilot"] == pytest.approx(0.9 * sure)
+    assert verdict.probability["imu"] == pytest.approx(0.04 + 0.9 * imu)

@@ -272,6 +272,9 @@ def test_clips_are_counted_from_the_last_sample_before_them_to_the_first_with_al
     (found,) = clip_counts(Series(t, counts[:, None], ("clips_0",), "VIBE"))
     assert found.readings == 6.0
     assert (found.start_s, found.end_s) == (t[counts == 3.0][-1], t[counts == 9.0][0])
+    counts[4] = 2.0**30  # of a damaged message: more than an IMU reads within a second
+    (damaged,) = clip_counts(Series(t, counts[:, None], ("clips_0",), "VIBE"))
+    assert damaged == found
 
 
 def test_an_axis_and_counts_that_the_vehicle_does_not_tell() -> None:

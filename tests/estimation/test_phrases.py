@@ -13,8 +13,8 @@ EARTH_FIELD = np.array([20.0, 5.0, 40.0])
 @pytest.mark.parametrize(
     ("phrase", "value", "told"),
     [
-        (by_axes("gyro", "mrad/s", 1e3, 1), [1e-4, 0.0, 0.02], "gyro z bias 20.0 ± 0.5 mrad/s"),
-        (by_axes("gyro", "mrad/s", 1e3, 1), [0.01, 0.0, 0.02], "gyro bias (10.0, 0.0, 20.0) ± 0.5 mrad/s"),
+        (by_axes("gyro", "bias", "mrad/s", 1e3, 1), [1e-4, 0.0, 0.02], "gyro z bias 20.0 ± 0.5 mrad/s"),
+        (by_axes("gyro", "bias", "mrad/s", 1e3, 1), [0.01, 0.0, 0.02], "gyro bias x 10.0, y 0.0, z 20.0 ± 0.5 mrad/s"),
         (by_length("the GPS", "m"), [3.0, -4.0], "the GPS is off by up to 5.0 ± 0.0 m (north 3.0, east -4.0)"),
         (by_length("the barometer", "m"), [-4.0], "the barometer is off by up to 4.0 ± 0.0 m"),
         (by_number("late by {:.2f} ± {:.3f} ms", 1e3), [-0.2], "late by -200.00 ± 0.500 ms"),

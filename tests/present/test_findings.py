@@ -7,8 +7,8 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.analysis import Cause, Finding
-from companion.present import MOST_LINES, grouped, ranked
+from companion.analysis import Cause, Finding, FlightVerdict, Verdict
+from companion.present import MOST_LINES, flight_lines, grouped, ranked
 
 
 def finding(kind: str, severity: str, start: float, size: float | None) -> Finding:
@@ -68,3 +68,13 @@ def test_steps_of_the_heading_in_degrees() -> None:
     steps = [finding("heading_jump", "info", 10.0 * i, 0.01 * i) for i in range(1, 34)]
     (group,) = grouped(steps)
     assert str(group) == "33 × heading jump of up to 18.9°, first at 10.0 s, worst at 330.0 s"
+
+
+def test_a_sentence_of_several_flights_is_said_once() -> None:
+    told = ("Cannot tell: A (1 %).", "Cannot tell: B.", "Cannot tell: A (1 %).", "Cannot tell: B.")
+    flights = tuple(FlightVerdict(10.0 * i, 10.0 * i + 5.0, "insufficient_data", one) for i, one in enumerate(told))
+    lines = flight_lines(Verdict("insufficient_data", told[0], (), flights=flights))
+    assert [label for label, _ in lines] == ["Flight 1", "Flight 2", "Flight 3", "Flight 4"]
+    said = [words.split(": ")[1] for _, words in lines]
+    assert (said[0], said[2], said[3]) == ("as above", "as above", "as flight 2")
+    assert said[1].startswith("B")

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.attribution import findings_of
+from companion.analysis.attribution import findings_of, possible_error
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
-from companion.analysis.deviations import estimator_deviations, known_biases
+from companion.analysis.deviations import estimator_deviations, known_biases, possible_deviations
 from companion.analysis.fault_interval import fault_intervals
 from companion.analysis.finding import Cause, Finding, are_near, by_severity
 from companion.analysis.findings.aiding import screened_aiding
@@ -59,6 +59,8 @@ def findings_by_estimate(
     deviations = estimator_deviations(flight, best, limits, tilted)
     deviations = tuple(one for one in deviations if not is_led_to(one.start, one.end, faults))
     out = findings_of(while_judged, deviations, best, flight.imu_in_use)
+    if not out or all(one.severity == "info" for one in out):  # else it is known what is wrong
+        out += map(possible_error, possible_deviations(flight, best, limits, tilted))
     out += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
     # the best estimate has judged where the autopilot went: a jump is one of the signs of it
     return out, [_confirmed(f, [*so_far, *out], best) for f in jumps]

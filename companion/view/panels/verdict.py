@@ -19,7 +19,7 @@ from companion.present import (
     FindingGroup,
     Rgb,
     capitalised,
-    flight_words,
+    flight_lines,
     held_out_gain,
     judgement_lines,
     lane_table,
@@ -65,10 +65,10 @@ class FindingsTab:
         for card, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
             card.show(group)
         _write(self._more, [*([f"and {more} more, on the timeline"] if more else []), *([outside] if outside else [])])
-        flights = verdict.flights if verdict else ()
+        flights = flight_lines(verdict) if verdict else ()
         folder, each = self._flights
         update(folder, visible=bool(flights), label=f"{len(flights)} flights in this log")
-        _write(each, [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)])
+        _write(each, [", ".join(one) for one in flights])
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
         could = result.assessment.sensitivity if result else None
