@@ -165,7 +165,8 @@ def carried_on(
     judged = verdict.status != "insufficient_data"
     kept: list[StandingFault] = []
     for fault in standing:
-        mine = [f for f in new if _same(fault.finding, f) and (fault.over_s is None or f.start_s < fault.over_s)]
+        own = [f for f in new if _same(fault.finding, f) or _is_beside(fault.cause, stated_cause(f), best)]
+        mine = [f for f in own if fault.over_s is None or f.start_s < fault.over_s]
         new, again = [f for f in new if f not in mine], next(iter(mine), None)
         if again is not None and _was_there(again, flight):  # of its onset this piece knows nothing
             kept.append(replace(fault, probability=1.0, seen_s=end))
@@ -229,6 +230,16 @@ def _same(one: Finding, other: Finding) -> bool:
     if a.sensor and b.sensor:
         same = a.sensor == b.sensor and (a.imu is None or b.imu is None or a.imu == b.imu)
     return same or _together(one, other)
+
+
+def _is_beside(fault: Cause, other: Cause, best: BestEstimate | None) -> bool:
+    """Whether another IMU is accused beside the estimate's, of a sensor in which that one has a fault.
+
+    What two IMUs differ by changes as well where the faulty one recovers.
+    """
+    if best is None or fault.side != "imu" or not fault.sensor or fault.sensor != other.sensor:
+        return False
+    return other.imu not in (None, best.imu.instance) and fault.imu in (None, best.imu.instance)
 
 
 def _together(one: Finding, other: Finding) -> bool:

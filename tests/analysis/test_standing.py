@@ -221,3 +221,15 @@ def test_while_it_is_not_known_which_imu_it_is_neither_is_named(monkeypatch: pyt
     assert unknown.cause.imu is None
     assert unknown.summary.startswith("Suspect the IMU: IMU 0 and IMU 1 differ by 1")
     assert unknown.summary.endswith("mrad/s in y since 45 s: which one is not known yet.")
+
+
+@pytest.mark.parametrize(("sensor", "faults"), [("gyro", 1), ("accel", 2)])
+def test_another_imu_beside_one_that_recovers_is_not_accused(sensor: str, faults: int) -> None:
+    """They part again as the faulty one recovers; of another sensor that fault tells nothing."""
+    piece = cut(misread(np.inf, gyro=[0.0, 0.015, 0.0]), 20.0, 62.0)
+    own = assess(piece, GENERIC)
+    standing = carried_on((), piece, own.verdict, own.best)
+    assert [one.cause.sensor for one in standing] == ["gyro"]
+    end = piece.start + piece.duration
+    beside = alarm(f"{sensor}_bias", "imu", end - 10.0, None, sensor=sensor, size=0.015, sigma=1e-3, imu=1)
+    assert len(carried_on(standing, piece, beside, own.best)) == faults
