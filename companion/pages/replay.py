@@ -70,6 +70,7 @@ class Answers:
         self._lock = threading.Lock()
         self._corrections: dict[tuple[int, str, Integration], Correction | None] = {}
         self._last: tuple[tuple[object, ...], Examination] | None = None
+        self._uncorrected: tuple[tuple[int, str, Integration], Assessment] | None = None  # the last, of which IMU
 
     def recompute(self, flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
@@ -87,12 +88,16 @@ class Answers:
         """The analysis of what is shown: the same numbers as `companion analyze`."""
         examined = self._examination(flight, choice, display)
         assessment = examined.assessment
-        return replace(
+        result = replace(
             analysed(flight, display, assessment, choice.horizon_s, choice.reanchor_s),
             redundant_imus=examined.redundant_imus,
             noise=_noise_of(flight, assessment),
             calibrated=_calibrated(assessment, choice.horizon_s),
         )
+        with self._lock:  # what is kept when the analysis makes room for the next
+            if (last := self._uncorrected) is not None:
+                self._corrections[last[0]] = _correction_of(last[1])
+        return result
 
     def check(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> FlightChecks:
         """What `companion lanes` and `companion preflight` print, where the log has it."""
@@ -130,7 +135,7 @@ class Answers:
         if last is not None and last[0] == _key(flight, choice):
             return last[1]
         seen = flight.with_imu(display.track) if display.track else flight
-        self._last = None  # room for the next: an hour's analysis is large
+        self._last = self._uncorrected = None  # room for the next: an hour's analysis is large
         examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
         self._remember(flight, choice, examined, display.source)
         return examined
@@ -138,8 +143,7 @@ class Answers:
     def _remember(self, flight: Flight, choice: ReplayChoice, examined: Examination, source: str) -> None:
         self._last = _key(flight, choice), examined
         if not choice.corrects:
-            with self._lock:
-                self._corrections[id(flight), source, choice.integration(flight)] = _correction_of(examined.assessment)
+            self._uncorrected = (id(flight), source, choice.integration(flight)), examined.assessment
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """The correction of the chosen IMU. Raises DataError when this flight cannot be calibrated."""
@@ -151,8 +155,12 @@ class Answers:
         with self._lock:  # whoever comes first finds it out
             key = (id(flight), name, how)
             if key not in self._corrections:
-                assessment = assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
-                self._corrections[key] = _correction_of(assessment)
+                known = self._uncorrected
+                self._corrections[key] = _correction_of(
+                    known[1]
+                    if known is not None and known[0] == key
+                    else assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
+                )
             correction = self._corrections[key]
         if correction is None:
             raise DataError("This flight has too few usable windows to calibrate with. Record a longer one.")
