@@ -9,13 +9,13 @@ from functools import cached_property, partial
 import numpy as np
 
 from companion.analysis.alignment import Rest, rests
+from companion.analysis.attribution import fault_probability
 from companion.analysis.budget import Agreement, Expected, agreement, expected_over, while_judged
 from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate, known_from
 from companion.analysis.comparison import DEFAULT, Comparison, Integration, Windows, compare, windows
 from companion.analysis.constant_faults import beside_best, constant_fault_probability, level_is_unusual, read_wrongly
 from companion.analysis.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
 from companion.analysis.drift import Drift, drift_over
-from companion.analysis.fault_interval import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding, righted_compasses, turned_others

@@ -20,6 +20,7 @@ from companion.analysis.fault_interval import (
     FaultInterval,
     cause_of,
     described,
+    fault_intervals,
     imu_at,
     is_sized,
     likelihoods,
@@ -33,7 +34,15 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.constants import check, num, priors
-from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, times_of_change
+from companion.estimation import (
+    HEIGHTS,
+    BestEstimate,
+    Explained,
+    harmful,
+    hypothesis_of,
+    probabilities,
+    times_of_change,
+)
 from companion.model import SensorInUse, words
 
 
@@ -119,8 +128,7 @@ def _of_interval(
         severity = "error"
     if severity == "info" and not is_sized(interval, best):
         return None
-    lasting = not (interval.slow and interval.side == "imu")  # what grows is none of calibration or mounting
-    from_start = lasting and interval.start - num.ONSET_SIGMAS * interval.start_sigma <= times_of_change(best.t)[0]
+    from_start = _is_from_start(interval, best)
     if from_start and interval.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(interval, best)
     side: Side = "imu" if interval.side == "imu" else "autopilot" if harmed else "data"
@@ -165,6 +173,41 @@ def _of_interval(
     return Finding(
         shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
+
+
+def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = np.inf) -> dict[str, float]:
+    """Side → probability that a harmful fault of it is the first of the flight; "nobody" that there is none.
+
+    By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
+    constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
+    """
+    in_time = sorted(best.explained, key=lambda one: one.onset)
+    parts = [_fault_shares(one, best) for one in in_time if one.rivals and one.onset < until]
+    first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
+    for shares in (*parts, probabilities(best.further)):
+        for side, share in shares.items():
+            first[side] += none * share
+        none *= shares["nobody"]
+    return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
+
+
+def _fault_shares(one: Explained, best: BestEstimate) -> dict[str, float]:
+    """Side → probability that what was explained is a harmful fault of it, and no usual calibration since the start."""
+    shares, side = probabilities(one.rivals), hypothesis_of(one.kind).side
+    since = (
+        _since_start(each, best)
+        for each in fault_intervals(best)
+        if each.kind == one.kind and abs(each.start - one.onset) < check.NEAR_S and _is_from_start(each, best)
+    )
+    if not (sure := next(since, 0.0)):
+        return shares
+    return shares | {side: shares[side] * sure, "nobody": shares["nobody"] + shares[side] * (1.0 - sure)}
+
+
+def _is_from_start(interval: FaultInterval, best: BestEstimate) -> bool:
+    """Whether it may have been there from the beginning on: of an IMU what grows is none of calibration or mounting."""
+    lasting = not (interval.slow and interval.side == "imu")
+    return lasting and interval.start - num.ONSET_SIGMAS * interval.start_sigma <= times_of_change(best.t)[0]
 
 
 def _since_start(interval: FaultInterval, best: BestEstimate) -> float:

@@ -311,23 +311,6 @@ def own_odds(interval: FaultInterval) -> float:
     return max((one.log_odds for one in interval.rivals if one.kind == interval.kind), default=0.0)
 
 
-def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = np.inf) -> dict[str, float]:
-    """Side → probability that a harmful fault of it is the first of the flight; "nobody" that there is none.
-
-    By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
-    constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
-    """
-    in_time = sorted(best.explained, key=lambda one: one.onset)
-    parts = [one.rivals for one in in_time if one.rivals and one.onset < until]
-    first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
-    for rivals in (*parts, best.further):
-        shares = probabilities(rivals)
-        for side, share in shares.items():
-            first[side] += none * share
-        none *= shares["nobody"]
-    return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
-
-
 def rival(interval: FaultInterval) -> tuple[str, float] | None:
     """The likeliest kind of fault of another sensor, and its probability; None where there is none."""
     odds = np.array([0.0, *(one.log_odds for one in interval.rivals)])

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
-from companion.analysis.attribution import findings_of, follows, possible_error
+from companion.analysis.attribution import fault_probability, findings_of, follows, possible_error
 from companion.analysis.comparison import compare
 from companion.analysis.deviations import estimator_deviations, possible_deviations
 from companion.analysis.fault_interval import (
@@ -19,7 +19,6 @@ from companion.analysis.fault_interval import (
     cause_of,
     described,
     fault_intervals,
-    fault_probability,
 )
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
@@ -693,6 +692,17 @@ def test_the_first_fault_of_a_flight_is_one_sides_or_nobodys(best: BestEstimate)
     assert shares["imu"] == pytest.approx(0.5 * 0.8)
     assert shares["nobody"] == pytest.approx(0.5 * 0.2)
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+def test_a_scale_from_the_start_is_a_fault_as_far_as_no_calibration_leaves_it(best: BestEstimate) -> None:
+    """What the text says of it and what the probabilities of the sides say is one number."""
+    early = replace(accepted("gyro_scale", 0.0, 0.0, 0.10, onset=best.t[0], sigma=0.02))
+    off = replace(best, explained=(early,), further=())
+    misled = EstimatorDeviation("heading", best.t[0], ONSET, 0.5, 0.05)
+    (finding,) = findings_of(fault_intervals(off), (misled,), off)
+    said = re.search(r"\(a fault: ([\d.]+) %\)", finding.evidence)
+    assert said, finding.evidence
+    assert 100.0 * fault_probability(off)["imu"] == pytest.approx(float(said[1]), abs=0.6)
 
 
 @pytest.mark.parametrize("kind", [kind.name for kind in HYPOTHESES if kind.nuisance])
