@@ -48,6 +48,12 @@ class Verdict:
     probability: Mapping[str, float] = field(default_factory=dict)  # see `fault_probability`; empty without an estimate
     flights: tuple[FlightVerdict, ...] = ()  # each by itself, where the log holds several
 
+    @property
+    def likeliest(self) -> tuple[tuple[str, float], ...]:
+        """The two likeliest sides with their probabilities; empty where one is sure, or none is known."""
+        sides = sorted(self.probability.items(), key=lambda pair: -pair[1])[:2]
+        return tuple(sides) if sides and sides[0][1] < priors.ACCUSED else ()
+
 
 def decide(
     agreements: Sequence[Agreement],

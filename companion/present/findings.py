@@ -40,7 +40,8 @@ def headline(verdict: Verdict) -> Headline:
         detail = detail if sure is None else _SURE.sub("", detail)
         return Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
     if (doubt := next((one for one in verdict.findings if one.undecided), None)) is not None:
-        return Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", "", detail)
+        sides = ", ".join(f"{_SIDES.get(side, side)} {probability(share)}" for side, share in verdict.likeliest)
+        return Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", sides, detail)
     return Headline("Too little in this log to judge", "", detail)
 
 
@@ -67,6 +68,7 @@ def lasting(cause: Cause) -> str:
 
 _SURE = re.compile(r" \(probability [^()]*\)|; no sensor fault: [^()]*(?=\))")  # stands beside the sentence
 _SENSORS = {"gyro": "Gyro", "accel": "Accelerometer"}
+_SIDES = {"imu": "IMU", "gps": "GPS"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,14 @@ def test_what_cannot_be_told_accuses_nobody() -> None:
     doubt = Finding("tilt_off", "data", "warning", 1.0, 2.0, "they differ", "", undecided=True)
     told = headline(Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,)))
     assert (told.sentence, told.detail) == ("Cannot tell which side is wrong: tilt off", "They differ.")
+    assert told.probability == ""
+    shares = {"nobody": 0.15, "imu": 0.1, "gps": 0.0, "autopilot": 0.75}
+    told = headline(Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,), None, shares))
+    assert told.probability == "autopilot 75 %, nobody 15 %"
+    sure = headline(
+        Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,), None, {"nobody": 0.99, "imu": 0.01})
+    )
+    assert sure.probability == "", "something else than the sensors is in doubt"
     assert (
         headline(Verdict("insufficient_data", "Cannot tell: 4 Hz.", ())).sentence == "Too little in this log to judge"
     )
