@@ -249,31 +249,32 @@ def _best(
     flight: Flight,
     comparison: Comparison,
     faults: Sequence[Finding],
-    out: Sequence[tuple[float, float]],
+    uncontrolled: Sequence[tuple[float, float]],
     before: BestEstimate | None,
     estimate: Callable[..., BestEstimate],
     *,
     differ: bool,
 ) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
-    """The best estimate, with the IMU's readings left out where they are none; or why there is none.
+    """The best estimate, with the IMU's readings left out where they are invalid; or why there is none.
 
     And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
     GPS tells of these: a compass and gravity by themselves fit many ways.
-    out: out of control, s. estimate: `smooth`. differ: whether windows that are enough to be judged do.
+    uncontrolled: spans (s, boot clock) in which the vehicle is out of control. estimate: `smooth`. differ: whether so
+    many windows that they are judged are outside of what is expected.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
         return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
-    untrusted = [*out, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
+    untrusted = [*uncontrolled, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
     again = partial(estimate, imu=imu, gravity=gravity, untrusted=untrusted)
     try:
         best = again(flight, before=before)
     except NoEstimateError as why:
-        if not out:
+        if not uncontrolled:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
-            again = partial(again, span=max(between(out, comparison.track.t), key=lambda one: one[1] - one[0]))
+            again = partial(again, span=max(between(uncontrolled, comparison.track.t), key=lambda one: one[1] - one[0]))
             best = again(flight)
         except NoEstimateError:
             return why, []
@@ -281,7 +282,9 @@ def _best(
     turned_itself = any(f.kind == "axes_wrong" for f in faults)
     righted, turned = (flight, []) if found_missing or turned_itself else righted_compasses(flight, best, again)
     if found_missing := [*found_missing, *turned]:
-        best_so, more = _best(righted, comparison, [*faults, *found_missing], out, before, estimate, differ=differ)
+        best_so, more = _best(
+            righted, comparison, [*faults, *found_missing], uncontrolled, before, estimate, differ=differ
+        )
         return best_so, [*found_missing, *more]
     if not differ or "gps_position" not in best.residuals or turned_itself:
         return best, []

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.analysis.constant_faults import ALL_THE_TIME, compass_fault_probability, scale_fault_probability
 from companion.analysis.fault_interval import (
-    SENSORS,
+    SENSOR_WORDS,
     EstimatorDeviation,
     FaultInterval,
     cause_of,
@@ -111,8 +111,8 @@ def findings_of(
     caused = [(d, _cause_among(d, may, best)) for d in deviations]
     by_interval = [_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals]
     own = [d for d, cause in caused if cause is None]
-    by_imu = min((d.start for d in own if d.imu_confirms), default=np.inf)
-    return [finding for finding in by_interval if finding is not None] + [_own(d, best, by_imu) for d in own]
+    imu_agrees_from = min((d.start for d in own if d.imu_confirms), default=np.inf)
+    return [finding for finding in by_interval if finding is not None] + [_own(d, best, imu_agrees_from) for d in own]
 
 
 def _of_interval(
@@ -287,17 +287,17 @@ _NOT_CONVERGED = "the best estimate has not converged: no trajectory was found t
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
 
 
-def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> tuple[str, str]:
+def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> tuple[str, str]:
     """Why a deviation does not accuse the autopilot, empty where it does; and what would tell."""
     faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
-    likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
+    likely = (sensor for kind in faults if (sensor := SENSOR_WORDS.get(kind.split("_")[0])))
     sensor = None if deviation.quantity in _MEASURED else next(likely, None)
     reasons = (
         (not best.converged, _NOT_CONVERGED, _ANOTHER),
         ("gps_position" not in best.residuals, f"without GPS {_EITHER}", _WITNESS),
         (best.contradicted, _CONTRADICTED, _FASTER),
         (best.noise.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
-        (deviation.start >= by_imu, f"the IMU moved as the autopilot says: {_EITHER}", _ANOTHER),
+        (deviation.start >= imu_agrees_from, f"the IMU moved as the autopilot says: {_EITHER}", _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
         (deviation.probability < priors.ACCUSED,
@@ -316,15 +316,15 @@ def possible_error(deviation: EstimatorDeviation) -> Finding:
     return Finding(kind, "data", "info", start, end, evidence, "", cause=deviation.cause)
 
 
-def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Finding:
+def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> Finding:
     """A deviation that nothing explains: the sensors agree with one another, and the estimate does not with them.
 
-    by_imu: s, when the first one began in which the IMU sides with the autopilot.
+    imu_agrees_from: s, the beginning of the first deviation in which the IMU moved as the autopilot says.
 
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
     both may be off by, it is said and accuses nobody.
     """
-    why, would_tell = _why_unsure(deviation, best, by_imu)
+    why, would_tell = _why_unsure(deviation, best, imu_agrees_from)
     kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
     if why:
         evidence, cause = f"autopilot and IMU differ by {deviation}; {why}", None
@@ -332,7 +332,7 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, by_imu: float) -> Fi
             cause = deviation.cause
         elif why.endswith(_EITHER):
             sure, rival = deviation.or_imu
-            evidence += f" (the estimator {percent(sure)}, the IMU {percent(rival)})"
+            evidence += f" (if no other sensor is: the estimator {percent(sure)}, the IMU {percent(rival)})"
             own = deviation.cause
             cause = replace(own, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=rival)
         return Finding(kind, "data", "warning", start, end, evidence, would_tell, cause=cause, undecided=True)

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from companion.analysis.comparison import Comparison, Windows
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
+from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.reference import IntArray, InterpolationError, Reference, States
 from companion.constants import check, harm, healthy, num, priors
@@ -237,13 +237,13 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
         unit, scale, decimals = BIAS_UNITS[one.sensor]
         reads = f"{scale * one.value[i]:.{decimals}f} ± {scale * one.sigma[i]:.{decimals}f} {unit}"
         words = (
-            f"{SENSORS[one.sensor]} {'xyz'[i]} of IMU {one.imu} ({one.source}) reads {reads} too much"
+            f"{SENSOR_WORDS[one.sensor]} {'xyz'[i]} of IMU {one.imu} ({one.source}) reads {reads} too much"
             f"{' when level' if one.sensor == 'accel' else ''} since the start of the log"
         )
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = hypothesis_of(f"{one.sensor}_bias")
         evidence = f"{words}; {usual} (probability of a fault {percent(sure)})"
-        advice = f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting."
+        advice = f"Calibrate the {SENSOR_WORDS[one.sensor]} of IMU {one.imu}, and look at its range setting."
         if sure < priors.ACCUSED:
             unsure = sure > 1.0 - priors.ACCUSED
             yield Finding(kind.name, "data", "warning", begin, end, evidence, advice, undecided=unsure)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, EstimatorDeviation, error_probability
+from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, error_probability
 from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import (
@@ -163,7 +163,7 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         axis = int(np.argmax(np.abs(ours)))
         if abs(theirs[axis]) < 0.5 * abs(ours[axis]):
             continue  # it does not know it: it is only unsure
-        name, (unit, factor, decimals) = SENSORS[sensor], BIAS_UNITS[sensor]
+        name, (unit, factor, decimals) = SENSOR_WORDS[sensor], BIAS_UNITS[sensor]
         reads, takes = (f"{v[axis] * factor:.{decimals}f}" for v in (ours, theirs))
         known = f"the autopilot's estimator takes {takes} off ({held.source})"
         evidence = f"{name} {'xyz'[axis]} bias {reads} {unit}; {known}"
@@ -180,7 +180,7 @@ COMPONENTS: Mapping[str, tuple[str, slice]] = {
 }
 """Quantity → what it is of, and its components in NED."""
 
-_LEAST = {**harm.AP_ERROR, "position": hypothesis_of("gps_position").least}  # as a healthy receiver shifts
+_LEAST = {**harm.AP_ERROR, "position": hypothesis_of("gps_position").min_reported}  # as a healthy receiver shifts
 
 
 def estimator_deviations(
@@ -431,11 +431,7 @@ def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third sensor."""
     if isinstance(best, NoEstimateError):
         return Sensitivity({}, (f"what IMU and autopilot may have wrong together: {best.why}",))
-    smallest = {}
-    for kind in ("gyro_bias", "accel_bias"):
-        if kind in best.detectable:
-            sizes = [float(np.linalg.norm(e.size)) for e in best.explained if e.kind == kind and e.shape == "step"]
-            smallest[kind] = min([best.detectable[kind], *sizes])  # what was found can be found
+    smallest = {kind: best.detectable[kind] for kind in ("gyro_bias", "accel_bias") if kind in best.detectable}
     lacking = []
     attitude = best.sigma(ATTITUDE)
     smallest["tilt"] = _usual("tilt", attitude[:, :2].max(axis=1))

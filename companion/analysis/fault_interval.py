@@ -26,7 +26,7 @@ from companion.estimation import (
 )
 from companion.model import Array, words
 
-SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
+SENSOR_WORDS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
 
 BIAS_UNITS: Mapping[str, tuple[str, float, int]] = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
@@ -116,7 +116,7 @@ def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
         of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         for imu in dict.fromkeys(e.imu for e in of_kind):
             parts = [e for e in of_kind if e.imu == imu]
-            intervals += _intervals_of(parts, kind.side, kind.least, best)
+            intervals += _intervals_of(parts, kind.side, kind.min_reported, best)
     return tuple(sorted(intervals, key=lambda e: e.start))
 
 

@@ -43,7 +43,7 @@ KINDS: Mapping[str, str] = {
     "gps_inconsistent": "the GPS contradicts itself: positions that do not move as the velocities say",
     "gps_frozen": "the GPS repeats its last fix in flight",
     "gps_poor": "the GPS says itself that it has no good fix for a time in flight: satellites, accuracies",
-    "barometer_out_of_range": "the barometer is hotter or colder than it is made for: its heights are none",
+    "barometer_out_of_range": "the barometer is hotter or colder than it is made for: its heights are invalid",
     "gps_interference": "the GPS says itself that it is jammed or spoofed in flight",
     "gyro_clipping": "the gyro is at the end of its range",
     "accel_clipping": "the accelerometer is at the end of its range",

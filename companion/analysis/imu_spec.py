@@ -58,7 +58,7 @@ GENERIC = ImuSpec(
 """The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""
 
 
-def reported_by(flight: Flight, imu_spec: ReferenceSpec) -> ReferenceSpec:
+def reported_by(flight: Flight, autopilot: ReferenceSpec) -> ReferenceSpec:
     """The figures with what the vehicle reports in their place, as it is for most of the flight.
 
     Tilt, heading and velocity of LOCAL_POSITION_NED_COV, ATTITUDE_QUATERNION_COV and ODOMETRY. The variance of the
@@ -79,9 +79,9 @@ def reported_by(flight: Flight, imu_spec: ReferenceSpec) -> ReferenceSpec:
                 sources += [series.source] if series.source not in sources else []
                 break
     if not changed:
-        return imu_spec
+        return autopilot
     reason = f"{', '.join(changed)} from {', '.join(sources)}; the rest from the settings"
-    return replace(imu_spec, **changed, reason=reason)
+    return replace(autopilot, **changed, reason=reason)
 
 
 def _sigma(variances: Sequence[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]) -> float | None:

@@ -50,7 +50,9 @@ Reading = tuple[Array, Array]
 
 
 def reads(cause: Cause, flight: Flight, best: BestEstimate | None, until: float | None = None) -> Reading | None:
-    """What the IMU of a cause reads too much at the end of a piece; or until then, s, without what began there.
+    """What the IMU of a cause reads too much at the end of a piece.
+
+    until: s, boot clock: then, instead of at the end, and without what began there.
 
     A scale beside the biases, for a vehicle that turns the same way all the time shows their sum alone, and by what the
     piece says of it: that it is small in most parts is no evidence that it has become so. None where it is no error
@@ -180,12 +182,12 @@ def carried_on(
         of_estimate_alone = cause.side == "autopilot" and not cause.sensor  # a fault that stands has misled it
         if not (of_estimate_alone and any(one.over_s is None for one in kept)):
             kept.append(_as_seen(first, flight, best, end, None))
-    judged_now = (_turned(one, end) for one in kept)
+    judged_now = (_with_hysteresis(one, end) for one in kept)
     return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
 
 
-def _turned(fault: StandingFault, end: float) -> StandingFault:
-    """A fault that is over below 5 %, and stands again above 95 %."""
+def _with_hysteresis(fault: StandingFault, end: float) -> StandingFault:
+    """The fault, over where it is still there with less than 5 %, and standing again from 95 % on."""
     if fault.over_s is None and fault.probability <= 1.0 - priors.ACCUSED:
         return replace(fault, over_s=end)
     if fault.over_s is not None and fault.probability >= priors.ACCUSED:

@@ -13,7 +13,7 @@ from typing import Literal
 
 from companion.analysis.budget import Agreement
 from companion.analysis.comparison import left_out
-from companion.analysis.fault_interval import BIAS_UNITS, SENSORS, percent
+from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, hypothesis_of
@@ -121,9 +121,9 @@ def _decided(
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
     lost = [f for f in findings if f.kind == "control_lost"]
     judged = agreements[0]
-    no_windows = next((f.evidence for f in findings if f.kind == "rate_too_low"), "") or too_few_windows(judged)
-    too_little = "" if causes or not no_windows else unseen(best, no_windows)
-    lacking = _lacking(findings, lost, bool(causes), too_little)
+    why_no_windows = next((f.evidence for f in findings if f.kind == "rate_too_low"), "") or too_few_windows(judged)
+    why_too_little = "" if causes or not why_no_windows else unseen(best, why_no_windows)
+    lacking = _lacking(findings, lost, bool(causes), why_too_little)
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
     many = [one for one in agreements[1:] if one.windows >= num.MANY_WINDOWS]
@@ -144,11 +144,11 @@ def _decided(
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
     how = str(worst)
-    if no_windows:
+    if why_no_windows:
         shown = "" if best is None else " or ".join(_would_show(best).values())
-        how = f"by the best estimate: {no_windows}, but {shown} would have shown"
+        how = f"by the best estimate: {why_no_windows}, but {shown} would have shown"
     summary = f"{fallen}{who} agree within the expected error ({how}{_likeliest(probability)})."
-    if best is not None and probability and not no_windows:  # once: of all flights of a log together
+    if best is not None and probability and not why_no_windows:  # once: of all flights of a log together
         summary += _not_excluded(best)
     if best is not None and "gps_position" not in best.residuals:  # both may have it wrong together
         summary += " No GPS data: the position could not be verified."
@@ -200,22 +200,24 @@ def _not_excluded(best: BestEstimate) -> str:
         shown = best.detectable.get(kind.name, kind.harmful("step"))
         low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
         if high != low:
-            ranges.append(f"{'an' if sensor == 'accel' else 'a'} {SENSORS[sensor]} bias of {low}-{high} {unit}")
+            ranges.append(f"{'an' if sensor == 'accel' else 'a'} {SENSOR_WORDS[sensor]} bias of {low}-{high} {unit}")
     return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
 
 
-def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], has_cause: bool, too_little: str) -> str | None:
-    """Why nothing can be judged; None where it can. too_little: why windows and best estimate do not tell, or ""."""
+def _lacking(
+    findings: tuple[Finding, ...], lost: Sequence[Finding], has_cause: bool, why_too_little: str
+) -> str | None:
+    """Why nothing can be judged; None where it can. why_too_little: why windows and estimate do not tell, or ""."""
     if not has_cause and (misled := next((f for f in lost if f.undecided), None)):
         return f"Loss of control: {misled.evidence}. No sensor fault was found before that."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
-    if not too_little:
+    if not why_too_little:
         return None
     undecided = next((f"{f.evidence}; " for f in findings if f.undecided), "")
     begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost and not undecided else "Cannot tell:"
-    return f"{begun} {undecided}{too_little}."
+    return f"{begun} {undecided}{why_too_little}."
 
 
 def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEstimate | None, imu: float) -> str | None:
@@ -326,23 +328,23 @@ class LiveVerdict:
         return self.alarms[0].status, "; ".join(dict.fromkeys([lines[0], lines[-1]])) + more
 
 
-def unseen(best: BestEstimate | None, no_windows: str) -> str:
+def unseen(best: BestEstimate | None, why_no_windows: str) -> str:
     """Why the best estimate does not speak for windows that there are not; "" where it does.
 
     Where each fault of the size that such faults have would show in it.
     """
     if best is None or "gyro_bias" not in best.detectable:
-        return no_windows
+        return why_no_windows
     shown = _would_show(best).items()
     hidden = [words for kind, words in shown if best.detectable[kind] > hypothesis_of(kind).prior]
-    return f"{no_windows}; no fault was found, but {' and '.join(hidden)} would not have shown" if hidden else ""
+    return f"{why_no_windows}; no fault was found, but {' and '.join(hidden)} would not have shown" if hidden else ""
 
 
 def _would_show(best: BestEstimate) -> dict[str, str]:
     """Bias of a sensor of the IMU → the smallest that would have shown, in words."""
     shown = {}
     for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
-        kind, shown_as = f"{sensor}_bias", f"bias of the {SENSORS[sensor]}"
+        kind, shown_as = f"{sensor}_bias", f"bias of the {SENSOR_WORDS[sensor]}"
         size = best.detectable.get(kind)
         if size is not None:
             is_any = size > check.ANY_BIAS * hypothesis_of(kind).prior

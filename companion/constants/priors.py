@@ -4,7 +4,7 @@ from math import log
 
 # Evidence and the scan over hypotheses
 NUISANCES_PER_H = 10.0  # of each hypothesis: what healthy parts show, every few minutes
-CANDIDATE = -3.0  # log odds of a fault against nothing, from which on what is not in the estimate may be the reason
+CANDIDATE = -3.0  # log odds of a fault against nothing, from which on an estimate with it is worth its time
 LIKELY_NUISANCE = 7.0  # log odds from which on a nuisance is one too
 ACCUSED = 0.95  # posterior probability from which on a side is accused
 ACCUSED_ODDS = log(ACCUSED / (1.0 - ACCUSED))

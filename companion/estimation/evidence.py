@@ -106,7 +106,7 @@ class Trial:
 
 def harmful(hypothesis: Hypothesis, shape: str, imu: int | None) -> float:
     """The size from which on it is a fault; of another IMU than the estimate's, beside which alone it shows."""
-    return hypothesis.harmful(shape) if imu is None else max(hypothesis.harmful(shape), hypothesis.apart)
+    return hypothesis.harmful(shape) if imu is None else max(hypothesis.harmful(shape), hypothesis.min_between_imus)
 
 
 def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
@@ -147,7 +147,7 @@ def trial(
         if aliased is not None:
             usual = np.maximum(usual, aliased.sigma(np.minimum(end, flight[1]) - onset))
         small, *_ = _of_scale(each, v, known, usual / reached)
-    possible = np.abs(size).max(axis=1) * reached[:, None] <= hypothesis.most
+    possible = np.abs(size).max(axis=1) * reached[:, None] <= hypothesis.max_plausible
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
     sets = slice(None) if b.ndim > 2 else 0
     scores = log_bayes[..., sets], size[..., sets], sigma[..., sets], axis[..., sets]

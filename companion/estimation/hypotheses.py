@@ -150,14 +150,14 @@ class Hypothesis:
     unit: str
     shapes: tuple[str, ...]
     prior: float  # 1σ of a size that may occur, in the unit; of a ramp reached within the flight
-    least: float  # the smallest size that is called wrong: sensors in order change by less in a flight
+    min_reported: float  # the smallest size that is reported: healthy sensors change by less in a flight
     signature: Callable[[Problem], Signature | None]
     needs: str = ""  # the aiding sensor without which nothing can be said of it
-    least_slow: float = 0.0  # the same of a ramp or creep, where that is more
-    apart: float = 0.0  # of an IMU: what two of a vehicle part by in flight at least, if one of them is wrong
-    serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
+    min_reported_slow: float = 0.0  # the same of a ramp or creep, where that is more
+    min_between_imus: float = 0.0  # of an IMU: two of a vehicle differ by less in flight where both are in order
+    fault_threshold: float = 0.0  # of an IMU: three times what real parts change in flight; infinite: never a fault
     rate: float = 0.1  # faults an hour
-    most: float = np.inf  # a size beyond it no such fault has: readings that far off are none, or something else is
+    max_plausible: float = np.inf  # no such fault is larger: such readings are invalid, or something else is wrong
     integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
     time_shifts: tuple[
         str, ...
@@ -173,9 +173,9 @@ class Hypothesis:
         """What of the sensor: "bias", "scale", "shock" of the IMU's."""
         return self.name.partition("_")[2]
 
-    def least_of(self, shape: str) -> float:
-        """The smallest size that is called wrong; of what grows, at its end."""
-        return max(self.least, self.least_slow) if shape in SLOPED else self.least
+    def min_reported_of(self, shape: str) -> float:
+        """The smallest size that is reported; of what grows, at its end."""
+        return max(self.min_reported, self.min_reported_slow) if shape in SLOPED else self.min_reported
 
     def rate_of(self, shape: str) -> float:
         """Faults an hour of one of its shapes: an IMU that is off hardly ever recovers by itself."""
@@ -185,12 +185,12 @@ class Hypothesis:
 
     def harmful(self, shape: str) -> float:
         """The size from which on it is a fault; of what grows, at its end."""
-        return self.serious if 0.0 < self.serious < np.inf else self.least_of(shape)
+        return self.fault_threshold if 0.0 < self.fault_threshold < np.inf else self.min_reported_of(shape)
 
     @property
     def nuisance(self) -> bool:
         """Whether it is no fault at any size."""
-        return self.serious == np.inf
+        return self.fault_threshold == np.inf
 
     def of(self, problem: Problem) -> Signature | None:
         """Its signature in a problem; None where the flight has nothing that it would change, or no sensor shows it."""
@@ -310,69 +310,84 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          by_axes("gyro", "bias", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
-         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), apart=8e-3, serious=5e-3,
+         side="imu", unit="rad/s", shapes=("step", "ramp", "pulse"), prior=0.03, min_reported=3e-3,
+         signature=_bias(GYRO_BIAS, "rest_rate"), min_between_imus=8e-3, fault_threshold=5e-3,
          rate=1e-3),
     Hypothesis("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
          by_axes("accelerometer", "bias", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
-         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", apart=0.4, serious=0.2,
+         side="imu", unit="m/s²", shapes=("step", "ramp", "pulse"), prior=1.0, min_reported=0.15,
+         signature=_bias(ACCEL_BIAS), needs="gps_position", min_between_imus=0.4, fault_threshold=0.2,
          rate=1e-3),
     Hypothesis("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "scale error", "%", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
-         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", apart=0.05, rate=3e-4,
-         most=num.MAX_SCALE),
+         side="imu", unit="", shapes=("step", "pulse"), prior=0.3, min_reported=0.02,
+         signature=_scale(GYRO_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
+         max_plausible=num.MAX_SCALE),
     Hypothesis("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "scale error", "%", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
-         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", apart=0.05, rate=3e-4,
-         most=num.MAX_SCALE),
+         side="imu", unit="", shapes=("step", "pulse"), prior=0.1, min_reported=0.02,
+         signature=_scale(ACCEL_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
+         max_plausible=num.MAX_SCALE),
     Hypothesis("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
-         "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rate=1.0),
+         side="imu", unit="rad", shapes=("shock",), prior=0.3, min_reported=0.035,
+         signature=_shock(ATTITUDE), fault_threshold=np.inf, rate=1.0),
     Hypothesis("accel_shock", "the accelerometer misses a push, all at once",
          by_number("the accelerometer misses a push of {:.1f} ± {:.1f} m/s"),
          _LOOK_AT_THE_MOUNTING,
-         "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf, rate=1.0),
+         side="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5,
+         signature=_shock(VELOCITY), needs="gps_position", fault_threshold=np.inf, rate=1.0),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Hypothesis("gps_position", "the GPS position jumps, creeps or is off for a time",
          by_length("the GPS position", "m"),
          "Look at the antenna's view of the sky, its cable and at interference; a receiver of a second band helps.",
-         "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0, rate=0.3),
+         side="gps", unit="m", shapes=("step", "ramp", "pulse", "creep"), prior=50.0, min_reported=6.0,
+         signature=_shift("gps_position"), min_reported_slow=11.0, rate=0.3),
     Hypothesis("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
-         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=harm.CREEP_M, rate=1.0),
+         side="gps", unit="m", shapes=("step", "ramp", "pulse"), prior=50.0, min_reported=5.0,
+         signature=_shift("gps_height"), min_reported_slow=harm.CREEP_M, rate=1.0),
     Hypothesis("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
-         "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rate=0.01,
+         side="gps", unit="m/s", shapes=("step", "pulse"), prior=3.0, min_reported=0.5,
+         signature=_motion, needs="gps_position", rate=0.01,
          integrated=("gps_position",)),
     Hypothesis("gps_velocity", "the GPS velocity is off",
          by_length("the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
-         "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity"), rate=0.3),
+         side="gps", unit="m/s", shapes=("step", "ramp", "pulse"), prior=5.0, min_reported=0.5,
+         signature=_shift("gps_velocity"), rate=0.3),
     Hypothesis("gps_latency", "the GPS comes later than before",
          by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
-         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", time_shifts=_GPS, rate=0.01),
+         side="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15,
+         signature=_late, needs="gps_position", time_shifts=_GPS, rate=0.01),
     Hypothesis("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
-         "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field, rate=0.3),
+         side="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
+         signature=_field, rate=0.3),
     Hypothesis("compass_turn", "the compass turns in its mounting",
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
-         "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation, rate=0.01),
+         side="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
+         signature=_rotation, rate=0.01),
     Hypothesis("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
-         "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
+         side="compass", unit="µT", shapes=("step", "pulse"), prior=30.0, min_reported=healthy.USUAL_IRON,
+         signature=_shift("compass"), rate=0.1),
     *(Hypothesis(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
            "Shield it from wind and light.",
-           sensor.device, "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift(name), least_slow=harm.CREEP_M, rate=1.0)
+           side=sensor.device, unit="m", shapes=("step", "ramp", "pulse"), prior=20.0, min_reported=4.0,
+           signature=_shift(name), min_reported_slow=harm.CREEP_M, rate=1.0)
       for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""

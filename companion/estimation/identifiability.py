@@ -148,7 +148,7 @@ def injected(
         grown = lasts or 1.0
         size = grown * float(least_found(np.array([information]), hypothesis, shape, hours, cell, grown)[0])
         size = known.get(hypothesis.name, max(size, hypothesis.harmful(shape)))
-        if size > min(hypothesis.most, num.INJECTED_SIGMAS * hypothesis.prior):
+        if size > min(hypothesis.max_plausible, num.INJECTED_SIGMAS * hypothesis.prior):
             not_shown.append(hypothesis.name)
         else:
             faults.append(Fault(hypothesis, shape, lasts, onset, end, direction / grown, size))

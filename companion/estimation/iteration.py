@@ -21,8 +21,8 @@ from companion.constants import num
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate
 from companion.estimation.hypotheses import hypothesis_of
-from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
-from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
+from companion.estimation.learned_noise import FIRST_NOISE, Change, coloured, learn, noise_limits
+from companion.estimation.linearisation import Linear, PreintegratedImu, linearise, preintegrate_imu
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.robust_weights import outlier_weights, shocks
 from companion.estimation.setup import Setup
@@ -126,7 +126,7 @@ class Start:
     noise: ProcessNoise
     scale: Mapping[str, float]
     slow: Mapping[str, float]  # aiding sensor → 1σ of its slow error
-    path: CarriedImu | None = None  # the IMU as it was carried last
+    path: PreintegratedImu | None = None  # as it was last
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
     gain: float = 0.0  # by how much a further step would have lessened the misfit, where an iteration has ended here
     complete: bool = False  # whether noise and states had settled there, before the passes were used up
@@ -135,7 +135,7 @@ class Start:
 def start_of(setup: Setup, guess: States) -> Start:
     """Where nothing is learned yet: every σ wide."""
     scale = {r.name: 1.0 if r.name.startswith("rest") else 3.0 for r in setup.readings}
-    return Start(guess, START, scale, {name: SLOW[name][0] for name in setup.slow})
+    return Start(guess, FIRST_NOISE, scale, {name: SLOW[name][0] for name in setup.slow})
 
 
 def estimate(
@@ -156,7 +156,7 @@ def estimate(
     """
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
-    limits, path = _limits(setup, start, accepted, limits), carried(setup, start.states, start.path, roughly)
+    limits, path = _limits(setup, start, accepted, limits), preintegrated(setup, start.states, start.path, roughly)
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
     def about(point: Point) -> Linear:
@@ -167,7 +167,7 @@ def estimate(
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
         nonlocal path
         point, linear, uphill = step.taken(about)
-        before, path = path, carried(setup, point.states, path, roughly)
+        before, path = path, preintegrated(setup, point.states, path, roughly)
         if path is not before:
             del linear
             linear = about(point)
@@ -203,7 +203,7 @@ def _limits(
     setup: Setup, start: Start, accepted: Sequence[Candidate], given: Mapping[str, tuple[float, float]] | None
 ) -> Mapping[str, tuple[float, float]]:
     """What may be learned: a cause takes from what was learned as the gyro's walk before, and adds nothing to it."""
-    walk = {"gyro_walk": (START.gyro_walk, start.noise.gyro_walk)} if accepted else {}
+    walk = {"gyro_walk": (FIRST_NOISE.gyro_walk, start.noise.gyro_walk)} if accepted else {}
     return {**walk, **(given or noise_limits(setup))}
 
 
@@ -219,17 +219,19 @@ def in_noise(more: float, intervals: int) -> float:
     return float(np.exp(more / (2.0 * num.LIKELIHOOD_3 * intervals)))
 
 
-def carried(setup: Setup, states: States, before: CarriedImu | None, times: float = 1.0) -> CarriedImu:
-    """The IMU carried with the biases of the states; as it was before, where it was and they differ by little.
+def preintegrated(
+    setup: Setup, states: States, before: PreintegratedImu | None, tolerance: float = 1.0
+) -> PreintegratedImu:
+    """The IMU preintegrated with the biases of the states; as it was before, where they differ from those by little.
 
-    times: as much as where the path has to be that of its first order.
+    tolerance: multiple of `num.BIAS_LINEAR` by which a bias may differ, until the IMU is preintegrated anew.
     """
     bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
     if before is not None:
         apart = (np.abs(one - other).max() for one, other in zip(bias, before.bias, strict=True))
-        if all(one < times * far for one, far in zip(apart, num.BIAS_LINEAR, strict=True)):
+        if all(one < tolerance * far for one, far in zip(apart, num.BIAS_LINEAR, strict=True)):
             return before
-    return carry_imu(setup, bias)
+    return preintegrate_imu(setup, bias)
 
 
 def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:

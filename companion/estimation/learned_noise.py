@@ -22,8 +22,8 @@ from companion.estimation.linearisation import Linear
 from companion.estimation.low_pass import BoolArray
 from companion.estimation.model import (
     ATTITUDE,
-    CAUSES,
     GYRO_BIAS,
+    NOISES,
     POSITION,
     STATES,
     VELOCITY,
@@ -34,7 +34,7 @@ from companion.estimation.system import Index, measurement_residual, measurement
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
-START = ProcessNoise(**num.FIRST_PROCESS_NOISE)
+FIRST_NOISE = ProcessNoise(**num.FIRST_PROCESS_NOISE)
 
 
 _ALONE = {hypothesis.name: hypothesis for hypothesis in HYPOTHESES if hypothesis.name in SENSORS}
@@ -57,7 +57,7 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     steps = (setup.imu.gyro_step, setup.imu.accel_step)
     limits = {
         cause: (max(least, 0.5 * step * np.sqrt(num.TRUNCATED_S)), most)
-        for cause, (least, most), step in zip(CAUSES[:2], healthy.IMU_NOISE, steps, strict=True)
+        for cause, (least, most), step in zip(NOISES[:2], healthy.IMU_NOISE, steps, strict=True)
     }
     if any(one.name == "calm" for one in setup.readings):
         least, most = limits["accel_noise"]
@@ -77,8 +77,10 @@ def scatter(setup: Setup) -> tuple[float, float]:
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
-def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Limits within which the IMU is what its readings scatter by (`scatter`): as if the others were to blame."""
+def limits_trusting_imu(
+    limits: Mapping[str, tuple[float, float]], shown: tuple[float, float]
+) -> dict[str, tuple[float, float]]:
+    """Limits of the noise, three times what the IMU's readings scatter by: aiding sensors explain the rest."""
     return {
         cause: (least, float(np.clip(num.FILTERED_NOISE * one, least, most)))
         for (cause, (least, most)), one in zip(limits.items(), shown, strict=True)
@@ -97,7 +99,7 @@ def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) 
         hypothesis = _ALONE.get(one.name)
         if hypothesis is None or len(one.t) < num.NOISE_STRETCHES:
             continue
-        in_order = max(hypothesis.least, hypothesis.least_slow) / 3.0
+        in_order = max(hypothesis.min_reported, hypothesis.min_reported_slow) / 3.0
         steps = np.diff(measurement_residual(one, linear.solution), n=2, axis=0) / np.sqrt(6.0)
         shown = 1.4826 * float(np.median(np.abs(steps)))  # σ of what is normal, whatever a few steps are
         if scale[one.name] * nominal[one.name] > max(in_order, num.AIDING_SCATTERS * shown):
@@ -136,7 +138,7 @@ def learn(
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities, change = dict[str, float](), dict[str, Change]()
-    for cause, expected in zip(CAUSES[:2], setup.spectral_noise, strict=True):
+    for cause, expected in zip(NOISES[:2], setup.spectral_noise, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = num.DENSITY_PRIOR_READINGS / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
@@ -171,7 +173,7 @@ def learn(
 def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
     """Of the density of the gyro bias's walk: where the IMU contradicts the other sensors nothing is learned of it."""
     most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
-    return START.gyro_walk, most * START.gyro_walk
+    return FIRST_NOISE.gyro_walk, most * FIRST_NOISE.gyro_walk
 
 
 def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
@@ -182,7 +184,7 @@ def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> fl
     e, d = linear.solution.disturbances
     own = noise.gyro_walk**2 * np.diff(setup.t)[usual, None]
     believed = _observations(healthy.GYRO_WALK_SPREAD) / len(usual)
-    above = (e[usual, GYRO_BIAS] ** 2 * own).sum(axis=1) + believed * (START.gyro_walk / noise.gyro_walk) ** 2
+    above = (e[usual, GYRO_BIAS] ** 2 * own).sum(axis=1) + believed * (FIRST_NOISE.gyro_walk / noise.gyro_walk) ** 2
     below = (np.einsum("kii->ki", d[usual, GYRO_BIAS, GYRO_BIAS]) * own).sum(axis=1) + believed
     return 0.5 * float(np.log(_typical(above, below)))
 

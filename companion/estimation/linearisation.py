@@ -16,10 +16,10 @@ from companion.estimation.hypotheses import Problem, hypothesis_of
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
-    CAUSES,
     CONSTANT_STATES,
     CONSTANTS,
     GYRO_BIAS,
+    NOISES,
     POSITION,
     STATES,
     VELOCITY,
@@ -67,11 +67,11 @@ class Linear:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarriedImu:
+class PreintegratedImu:
     """One pass over the IMU with a constant bias taken off, and what it says of every interval."""
 
     bias: tuple[Array, Array]  # rad/s, m/s²
-    path: Preintegration  # at the samples that are asked for
+    preintegration: Preintegration  # at the samples that are asked for
     about: Index  # (K, 3) samples before, at and after each keyframe
     transition: Array  # (K-1, 15, 15), in the frame in which the track begins
     sums: Mapping[str, Array]
@@ -79,7 +79,8 @@ class CarriedImu:
     accel_matrix: Array  # (K-1, 9, 9)
 
 
-def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
+def preintegrate_imu(setup: Setup, bias: tuple[Array, Array]) -> PreintegratedImu:
+    """The IMU preintegrated from keyframe to keyframe, without a bias of gyro (3,) and accelerometer (3,)."""
     track = setup.imu
     if bias[0].any() or bias[1].any():
         track = replace(track, gyro=track.gyro - bias[0], accel=track.accel - bias[1])
@@ -89,7 +90,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     count = len(setup.index) - 1
     about = three_samples(track, setup.index, num.FIX_SAMPLES_S, before=1)
     path = path.at(np.unique(np.concatenate([setup.index, about.ravel(), *read])))
-    return CarriedImu(
+    return PreintegratedImu(
         bias,
         path,
         about,
@@ -102,7 +103,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
 
 def linearise(
     setup: Setup,
-    path: CarriedImu,
+    pim: PreintegratedImu,
     states: States,
     noise: ProcessNoise,
     scale: Mapping[str, float],
@@ -116,9 +117,9 @@ def linearise(
 
     sizes: (m,) what they were found to be so far, where they were.
     """
-    turn = _turn(setup, path, states)
+    turn = _turn(setup, pim, states)
     floor = np.diag(np.repeat(num.STEP_FLOOR, 3) ** 2)
-    covariance, sums = np.tile(floor, (len(path.transition), 1, 1)), _sums(setup, path)
+    covariance, sums = np.tile(floor, (len(pim.transition), 1, 1)), _sums(setup, pim)
     for cause, own in MOVED.items():
         covariance[:, own, own] += noise.density(cause) ** 2 * sums[cause]
     if setup.broken.any():
@@ -131,8 +132,8 @@ def linearise(
         for kind, block in (("gyro_bias", GYRO_BIAS), ("accel_bias", ACCEL_BIAS)):
             covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
     back = turn.swapaxes(-1, -2)
-    shift = _shift(path, states, turn)
-    transition, constants = turn @ path.transition @ back, _motion_constants(path, turn)
+    shift = _shift(pim, states, turn)
+    transition, constants = turn @ pim.transition @ back, _motion_constants(pim, turn)
     weight = turn @ _inverse(covariance) @ back
     keeps, wanders = _slow_motion(setup, slow)
     motion = Motion(  # of which the residual comes last
@@ -143,7 +144,7 @@ def linearise(
     )
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
     del turn, covariance, back  # the solution needs the memory
-    at = _kinematics(setup, path, states)
+    at = _kinematics(setup, pim, states)
     measurements = []
     for readings in setup.readings:
         one = _with_slow_error(measure(readings, at), setup, states)
@@ -156,7 +157,7 @@ def linearise(
     prior = _prior(setup, states, slow)
     for candidate in accepted:
         problem, prior = with_candidate(problem, prior, candidate)
-    _predict(setup, path, states, problem.motion, shift, sizes)
+    _predict(setup, pim, states, problem.motion, shift, sizes)
     return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
 
 
@@ -186,16 +187,16 @@ def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurem
     return replace(one, states=h, residual=residual)
 
 
-def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
+def _sums(setup: Setup, pim: PreintegratedImu) -> Mapping[str, Array]:
     """Cause → (K-1, n, n) per squared density, larger where the IMU scatters more than it usually does."""
-    times = zip(CAUSES[:2], setup.relative_noise.T, strict=True)
-    return {**path.sums, **{cause: value[:, None, None] ** 2 * path.sums[cause] for cause, value in times}}
+    times = zip(NOISES[:2], setup.relative_noise.T, strict=True)
+    return {**pim.sums, **{cause: value[:, None, None] ** 2 * pim.sums[cause] for cause, value in times}}
 
 
-def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:
+def _turn(setup: Setup, pim: PreintegratedImu, states: States) -> Array:
     """(K-1, 15, 15) from the frame in which the track begins to NED, at each interval's start."""
     start = setup.index[:-1]
-    q = path.path.q[path.path.row(start)]
+    q = pim.preintegration.q[pim.preintegration.row(start)]
     matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[:-1], quaternion.conjugate(q)))
     turn = np.tile(np.eye(STATES), (len(start), 1, 1))
     for block in (ATTITUDE, VELOCITY, POSITION):
@@ -207,15 +208,15 @@ _MATRICES = slice(CONSTANTS["gyro_matrix"][0].start, CONSTANTS["accel_matrix"][0
 """Scale and misalignment of both sensors among the constants of a flight."""
 
 
-def _shift(path: CarriedImu, states: States, turn: Array) -> Array:
-    """(K-1, 9) in NED: what attitude, velocity and position gain as the states' biases are not those of the path."""
-    bias = np.concatenate((states.gyro_bias[:-1] - path.bias[0], states.accel_bias[:-1] - path.bias[1]), axis=1)
-    shift = path.transition[:, :9, 9:] @ bias[..., None]
-    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ states.constants[_MATRICES])[..., None]
+def _shift(pim: PreintegratedImu, states: States, turn: Array) -> Array:
+    """(K-1, 9) in NED: what attitude, velocity and position gain where the states have other biases."""
+    bias = np.concatenate((states.gyro_bias[:-1] - pim.bias[0], states.accel_bias[:-1] - pim.bias[1]), axis=1)
+    shift = pim.transition[:, :9, 9:] @ bias[..., None]
+    shift += (np.concatenate((pim.gyro_matrix, pim.accel_matrix), axis=2) @ states.constants[_MATRICES])[..., None]
     return np.asarray((turn[:, :9, :9] @ shift)[..., 0])
 
 
-def _predict(setup: Setup, path: CarriedImu, states: States, motion: Motion, shift: Array, sizes: Array) -> None:
+def _predict(setup: Setup, pim: PreintegratedImu, states: States, motion: Motion, shift: Array, sizes: Array) -> None:
     """Fill in the residual of the motion, and make Φ and G its derivatives where it is large.
 
     shift: (K-1, 9) in NED, what the states say beside the path; sizes: (m,) of what is accepted, whose columns are the
@@ -227,7 +228,7 @@ def _predict(setup: Setup, path: CarriedImu, states: States, motion: Motion, shi
     if sizes.any():
         shift = shift + columns @ sizes
     residual, transition = motion.residual, motion.transition
-    residual[:, :STATES] = _motion_residual(setup, path, states, shift)
+    residual[:, :STATES] = _motion_residual(setup, pim, states, shift)
     residual[:, STATES:] = (transition[:, STATES:, STATES:] @ states.slow[:-1, :, None])[..., 0] - states.slow[1:]
     for block in (VELOCITY, POSITION):
         transition[:, block, ATTITUDE] -= skew(shift[:, block])
@@ -252,10 +253,10 @@ def _left_jacobian(turn: Array) -> Array:
     )
 
 
-def _motion_residual(setup: Setup, path: CarriedImu, states: States, shift: Array) -> Array:
+def _motion_residual(setup: Setup, pim: PreintegratedImu, states: States, shift: Array) -> Array:
     """(K-1, 15) the IMU's prediction from each keyframe less the next keyframe's nominal state."""
     start, end = setup.index[:-1], setup.index[1:]
-    q, v, p = path.path.carry(
+    q, v, p = pim.preintegration.carry(
         start, end, states.q_ned_frd[:-1], states.velocity[:-1], states.position[:-1], gravity=setup.gravity
     )
     q = quaternion.multiply(quaternion.exp(shift[:, :3]), q)
@@ -272,18 +273,20 @@ def _motion_residual(setup: Setup, path: CarriedImu, states: States, shift: Arra
     )
 
 
-def _motion_constants(path: CarriedImu, turn: Array) -> Array:
+def _motion_constants(pim: PreintegratedImu, turn: Array) -> Array:
     out = np.zeros((len(turn), STATES, CONSTANT_STATES))
-    out[:, :9, CONSTANTS["gyro_matrix"][0]] = turn[:, :9, :9] @ path.gyro_matrix
-    out[:, :9, CONSTANTS["accel_matrix"][0]] = turn[:, :9, :9] @ path.accel_matrix
+    out[:, :9, CONSTANTS["gyro_matrix"][0]] = turn[:, :9, :9] @ pim.gyro_matrix
+    out[:, :9, CONSTANTS["accel_matrix"][0]] = turn[:, :9, :9] @ pim.accel_matrix
     return out
 
 
-def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
+def _kinematics(setup: Setup, pim: PreintegratedImu, states: States) -> Kinematics:
     track, index, s = setup.imu, setup.index, states
-    samples = path.about
+    samples = pim.about
     when = track.t[samples] - setup.t[:, None]
-    _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
+    _, velocity, position = pim.preintegration.carry(
+        index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity
+    )
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
     beside_gap = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
@@ -293,7 +296,7 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
     rate = track.gyro[index] - s.gyro_bias
-    return Kinematics(s, path.path, index, setup.t, rate, when, velocity, position, imu_known, setup.gravity)
+    return Kinematics(s, pim.preintegration, index, setup.t, rate, when, velocity, position, imu_known, setup.gravity)
 
 
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:

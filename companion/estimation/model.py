@@ -43,7 +43,7 @@ CONSTANTS: Mapping[str, tuple[slice, float]] = {
 
 CONSTANT_STATES = max(place.stop for place, _ in CONSTANTS.values())
 
-CAUSES = ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")
+NOISES = ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +273,9 @@ class BestEstimate:
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the aiding sensors tell, the first in time first
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     further: tuple[Rival, ...] = ()  # the hypotheses beside those in the estimate, the likeliest fault first
-    detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
+    detectable: Mapping[str, float] = field(
+        default_factory=dict
+    )  # kind → smallest that would have been accused in 95 % of such flights
     confusion: ConfusionMatrix | None = None  # where it was asked for
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which aiding sensor gives the heading
     notes: tuple[str, ...] = ()

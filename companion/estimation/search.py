@@ -187,7 +187,9 @@ def _scored(
 
 def of_other_imus(problem: Problem) -> tuple[Cells, ...]:
     """What may be wrong with every other IMU than the estimate's."""
-    hypotheses = [(hypothesis, shape) for hypothesis in HYPOTHESES if hypothesis.apart for shape in hypothesis.shapes]
+    hypotheses = [
+        (hypothesis, shape) for hypothesis in HYPOTHESES if hypothesis.min_between_imus for shape in hypothesis.shapes
+    ]
     return tuple(_of_another(problem, one, *which) for one in problem.others for which in hypotheses)
 
 

@@ -20,8 +20,14 @@ from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
 from companion.estimation.hypotheses import Problem
 from companion.estimation.identifiability import confusion_matrix
-from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
-from companion.estimation.learned_noise import START, believing, noise_limits, persistent_limits, scatter
+from companion.estimation.iteration import Start, estimate, likelihood, preintegrated, resuming, start_of
+from companion.estimation.learned_noise import (
+    FIRST_NOISE,
+    limits_trusting_imu,
+    noise_limits,
+    persistent_limits,
+    scatter,
+)
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -67,7 +73,7 @@ def smooth(
 
     imu: the message, as for `Flight.imu`. guess: where to begin, in place of the autopilot's attitude and the GPS; the
     result does not depend on it. span: boot times (s) to which the estimate is confined.
-    untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
+    untrusted: spans (s, boot clock) in which the IMU's readings are invalid: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
     confusion: whether to find out what faults would be called, and from which size on they are told from their rivals.
 
@@ -257,9 +263,9 @@ def _doubted_noise(
 ) -> Iterator[dict[str, tuple[float, float]]]:
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
     if settled.noise.contradicts(shown) and not any(one.hypothesis.side == "imu" for one in accepted):
-        yield believing(noise_limits(setup), shown)
+        yield limits_trusting_imu(noise_limits(setup), shown)
     if settled.noise.gyro_wanders:
-        yield noise_limits(setup) | {"gyro_walk": (START.gyro_walk, START.gyro_walk)}
+        yield noise_limits(setup) | {"gyro_walk": (FIRST_NOISE.gyro_walk, FIRST_NOISE.gyro_walk)}
     if limited := persistent_limits(setup, settled.scale, linear):
         yield noise_limits(setup) | limited
 
@@ -274,7 +280,7 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: 
     )
     last = possible.candidate.of(linear.problem)
     size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
-    if possible.candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.most).any():
+    if possible.candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.max_plausible).any():
         return None
     return Adaptation(possible.candidate, possible.setup, settled, linear)
 
@@ -284,7 +290,7 @@ def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[C
     if not adaptation.candidate.taken:
         return without(setup, adaptation.linear, [*accepted, adaptation.candidate], len(accepted))
     settled = adaptation.settled
-    path = carried(setup, settled.states, settled.path)
+    path = preintegrated(setup, settled.states, settled.path)
     linear = linearise(setup, path, settled.states, adaptation.linear.noise, settled.scale, {}, settled.slow, accepted)
     return linear.problem, linear.solution
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.constants import num
 from companion.estimation.candidate import Candidate
-from companion.estimation.iteration import Start, carried, estimate
+from companion.estimation.iteration import Start, estimate, preintegrated
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
@@ -79,7 +79,7 @@ def _moved(setup: Setup, candidate: Candidate) -> Setup:
 
 def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Candidate:
     """The candidate from when on the readings fit best, its size known, at the noise that was learned."""
-    states, path = settled.states, carried(setup, settled.states, settled.path)
+    states, path = settled.states, preintegrated(setup, settled.states, settled.path)
 
     def misfits(onsets: Array) -> Array:
         """Each less what as many readings leave that fit: some may be moved out of the flight."""

@@ -37,7 +37,7 @@ class Records:
     layout: RecordLayout
     offset: Index  # (N,) position of the record in the file: the order across types
     rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; its time alone if this type was not requested
-    given: npt.NDArray[np.float64] | None = None  # (N,) s, the times of records that carry none
+    sender_s: npt.NDArray[np.float64] | None = None  # (N,) s, the times of records that carry none
 
     @property
     def name(self) -> str:
@@ -71,7 +71,7 @@ class Records:
     @property
     def t(self) -> npt.NDArray[np.float64]:
         """When each was written: (N,) s since boot. Raises KeyError for records without a time."""
-        return self.in_unit(self.layout.clock) if self.given is None else self.given
+        return self.in_unit(self.layout.clock) if self.sender_s is None else self.sender_s
 
     @property
     def instances(self) -> tuple[int, ...]:
@@ -90,7 +90,7 @@ class Records:
         """Those of a mask, an index or a slice."""
         whole = self.rows.dtype.itemsize > 0
         rows = as_bytes(self.rows)[index].view(self.rows.dtype) if whole else self.rows[index]
-        return Records(self.layout, self.offset[index], rows, None if self.given is None else self.given[index])
+        return Records(self.layout, self.offset[index], rows, None if self.sender_s is None else self.sender_s[index])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

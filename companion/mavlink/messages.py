@@ -30,7 +30,7 @@ class Messages:
     seq: Bytes  # (N,) uint8
     crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
     rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not requested
-    given: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where it has been read already
+    sender_s: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where it has been read already
 
     @property
     def name(self) -> str:
@@ -53,10 +53,10 @@ class Messages:
 
     @property
     def t(self) -> npt.NDArray[np.float64]:
-        """When each was sent, (N,) s by the sender's own clock. Raises KeyError where that has not been read."""
-        if self.given is None:
+        """The time of each by the sender's clock, (N,) s: of its sample, where told. Raises KeyError where not read."""
+        if self.sender_s is None:
             raise KeyError(f"the times of {self.name} were not read")
-        return self.given
+        return self.sender_s
 
     def senders(self) -> dict[tuple[int, int], int]:
         """How many were sent by each (sysid, compid), in order of those."""
@@ -75,7 +75,9 @@ class Messages:
         if len(rows) == len(self):
             rows = rows[index] if isinstance(index, slice) else as_bytes(rows)[index].view(self.layout.dtype)
         columns = {name: getattr(self, name)[index] for name in _HEADER}
-        return Messages(self.layout, **columns, rows=rows, given=None if self.given is None else self.given[index])
+        return Messages(
+            self.layout, **columns, rows=rows, sender_s=None if self.sender_s is None else self.sender_s[index]
+        )
 
     def columns(self, *names: str) -> npt.NDArray[np.float64]:
         """Fields side by side, (N, len(names))."""

@@ -87,7 +87,7 @@ def severity_word(severity: int) -> str:
 
 
 def severity_of(severity: str) -> str:
-    """Of a finding, in a word."""
+    """A finding's severity in the words that are shown: "fault", "warning", "note"."""
     return {"error": "fault", "info": "note"}.get(severity, severity)
 
 

@@ -64,11 +64,11 @@ def device_time(messages: Messages) -> Array | None:
 
     None too when its fields were not read.
     """
-    if messages.given is None and len(messages.rows) != len(messages):
+    if messages.sender_s is None and len(messages.rows) != len(messages):
         return None
     for field, unit in (("time_boot_ms", 1e-3), ("time_usec", 1e-6)):
         if field in messages.layout.fields:
-            t = np.asarray(messages[field] * unit) if messages.given is None else messages.given
+            t = np.asarray(messages[field] * unit) if messages.sender_s is None else messages.sender_s
             # PX4 leaves time_usec zero in HIL_STATE_QUATERNION and others
             return t if field == "time_boot_ms" or t[:1].any() or t.any() else None
     return None

@@ -262,7 +262,7 @@ def _timed(messages: Messages, clock: Clock, notes: list[str]) -> Messages:
         if off.max() > _ELSEWHEN_S and float(np.median(off)) > _ELSEWHEN_S:
             notes.append(f"{messages.name}.time_usec is no time since boot: that of its neighbours is used")
             t = beside
-    return replace(messages, given=t)
+    return replace(messages, sender_s=t)
 
 
 def _parameters(

@@ -113,7 +113,7 @@ def _timed(read: Mapping[str, Records]) -> dict[str, Records]:
         if len(one) and one.rows.dtype.names and one.layout.has_numbers(*_NUMBERS.get(name, ()))
     }
     last = {name: np.maximum(np.searchsorted(clock.offset, one.offset) - 1, 0) for name, one in whole.items()}
-    return {name: replace(one, given=t[last[name]]) for name, one in whole.items() if name != _CLOCK}
+    return {name: replace(one, sender_s=t[last[name]]) for name, one in whole.items() if name != _CLOCK}
 
 
 def _imu(one: Records, instance: int, notes: list[str]) -> ImuTrack:

@@ -149,7 +149,7 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
 def _drop_off_course(sender: Sender) -> list[str]:
     """Read the messages' own times, and let go of those that leave the flight's course; a note of each such type."""
     times = {name: own for name, m in sender.items() if (own := device_time(m)) is not None}
-    sender.update({name: replace(sender[name], given=t) for name, t in times.items()})
+    sender.update({name: replace(sender[name], sender_s=t) for name, t in times.items()})
     apart = off_course(times, ON_LINK)
     sender.update({name: sender[name].select(~mask) for name, mask in apart.items()})
     return left_out(times, apart)

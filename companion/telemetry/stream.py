@@ -77,7 +77,7 @@ def _of_vehicle(flight: Flight, sent: Messages | None) -> Messages | None:
     vehicle = flight.vehicle
     sent = None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
     t = None if sent is None else device_time(sent)
-    return None if sent is None or t is None else replace(sent, given=t)
+    return None if sent is None or t is None else replace(sent, sender_s=t)
 
 
 def _goes_on(t: Array, known: Array) -> bool:

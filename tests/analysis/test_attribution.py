@@ -26,7 +26,7 @@ from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained, Rival, Size, hypothesis_of
-from companion.estimation.learned_noise import START
+from companion.estimation.learned_noise import FIRST_NOISE
 from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
@@ -286,7 +286,7 @@ def test_an_imu_that_is_known_to_sit_askew_is_no_deviation(flight: Flight, best:
     assert estimator_deviations(other, best, Limits(), tilted) == ()
 
 
-WANDERING = replace(START, gyro_noise=1e-5, accel_noise=1e-4, gyro_walk=6e-4)
+WANDERING = replace(FIRST_NOISE, gyro_noise=1e-5, accel_noise=1e-4, gyro_walk=6e-4)
 
 
 def perhaps(kind: str, log_odds: float = -2.0, fault: float = 1.0) -> tuple[Rival, ...]:
@@ -601,7 +601,7 @@ def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
         assert kind.about
         assert kind.advice.endswith(".")
     assert set(CAUSES) >= {kind.name for kind in HYPOTHESES}
-    assert all(kind.serious == 0 or kind.side == "imu" for kind in HYPOTHESES)
+    assert all(kind.fault_threshold == 0 or kind.side == "imu" for kind in HYPOTHESES)
 
 
 def test_a_single_number_keeps_its_sign() -> None:

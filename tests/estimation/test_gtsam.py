@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from companion.estimation.iteration import start_of
-from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.learned_noise import FIRST_NOISE
+from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed
@@ -24,9 +24,9 @@ def problem() -> Linear:
     flight, _ = sensed(20.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     states = first_guess(setup, flight)
-    path = carry_imu(setup, (np.zeros(3), np.zeros(3)))
+    path = preintegrate_imu(setup, (np.zeros(3), np.zeros(3)))
     scale = {one.name: 1.0 for one in setup.readings}
-    return linearise(setup, path, states, START, scale, {}, start_of(setup, states).slow)
+    return linearise(setup, path, states, FIRST_NOISE, scale, {}, start_of(setup, states).slow)
 
 
 def in_gtsam(linear: Linear) -> Any:

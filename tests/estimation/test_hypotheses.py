@@ -15,8 +15,8 @@ from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hy
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.hypotheses import Problem
-from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.learned_noise import FIRST_NOISE
+from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
 from companion.estimation.scan import scan, score
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
@@ -230,10 +230,10 @@ def linear() -> Linear:
     flight, _ = sensed(25.0, "circle")
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     states = first_guess(setup, flight)
-    path = carry_imu(setup, (np.zeros(3), np.zeros(3)))
+    path = preintegrate_imu(setup, (np.zeros(3), np.zeros(3)))
     scale, slow = {one.name: 1.0 for one in setup.readings}, {name: SLOW[name][0] for name in setup.slow}
     for _ in range(4):
-        found = linearise(setup, path, states, START, scale, {}, slow)
+        found = linearise(setup, path, states, FIRST_NOISE, scale, {}, slow)
         states = states.moved(found.solution.x, found.solution.c)
     return found
 

@@ -15,9 +15,9 @@ from companion.constants import num
 from companion.estimation import iteration
 from companion.estimation.candidate import Candidate
 from companion.estimation.hypotheses import hypothesis_of
-from companion.estimation.iteration import Point, Step, carried, estimate, in_noise, likelihood, start_of
-from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
+from companion.estimation.iteration import Point, Step, estimate, in_noise, likelihood, preintegrated, start_of
+from companion.estimation.learned_noise import FIRST_NOISE
+from companion.estimation.linearisation import Linear, PreintegratedImu, linearise, preintegrate_imu
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import quaternion
@@ -38,10 +38,10 @@ def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
     accel, gyro = imu.accel + late * [1.5, -1.0, 0.5], imu.gyro + late * [0.0, 0.0, yaw_rate]
     wrong = with_imu(flight, replace(imu, accel=accel, gyro=gyro))
     setup = set_up(wrong, None, STANDARD_GRAVITY, None)
-    noise = replace(START, gyro_noise=5e-4, accel_noise=5e-3)
+    noise = replace(FIRST_NOISE, gyro_noise=5e-4, accel_noise=5e-3)
     scale = {one.name: 1.0 for one in setup.readings}
     guess = first_guess(setup, flight)
-    path, slow = carried(setup, guess, None), start_of(setup, guess).slow
+    path, slow = preintegrated(setup, guess, None), start_of(setup, guess).slow
 
     def about(point: Point) -> Linear:
         return linearise(setup, path, point.states, noise, scale, {}, slow, sizes=point.sizes)
@@ -78,7 +78,7 @@ def test_a_step_that_leads_down_is_taken_whole() -> None:
     scale, slow = {one.name: 3.0 for one in setup.readings}, start_of(setup, first_guess(setup, flight)).slow
 
     def about(point: Point) -> Linear:
-        return linearise(setup, carried(setup, point.states, None), point.states, START, scale, {}, slow)
+        return linearise(setup, preintegrated(setup, point.states, None), point.states, FIRST_NOISE, scale, {}, slow)
 
     step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
     point, _, uphill = step.taken(about)
@@ -91,7 +91,7 @@ def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pyte
     flight, _ = sensed(20.0, "circle", rate=50.0)
     imu = flight.imu()
     setup = set_up(with_imu(flight, replace(imu, gyro=imu.gyro + 0.05)), None, STANDARD_GRAVITY, None)
-    passes, steps = list[CarriedImu](), list[slice]()
+    passes, steps = list[PreintegratedImu](), list[slice]()
     taken = Step.taken
 
     def linearised(*args: Any, **named: Any) -> Linear:
@@ -120,11 +120,11 @@ def test_the_imu_is_carried_anew_for_a_far_bias_and_at_last_for_any(
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     passes = list[tuple[Array, Array]]()
 
-    def noted(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
+    def noted(setup: Setup, bias: tuple[Array, Array]) -> PreintegratedImu:
         passes.append(bias)
-        return carry_imu(setup, bias)
+        return preintegrate_imu(setup, bias)
 
-    monkeypatch.setattr(iteration, "carry_imu", noted)
+    monkeypatch.setattr(iteration, "preintegrate_imu", noted)
     settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)), polished=polished)
     assert len(passes) >= 1 + anew if anew else len(passes) == 1
     off = np.median(settled.states.gyro_bias, axis=0) - passes[-1][0]
@@ -162,7 +162,7 @@ def test_what_is_likelier_by_noise_alone_is_a_factor_of_noise() -> None:
     linear: Any = SimpleNamespace(variance=np.ones((10, 15)), measurements=())
 
     def made_likely(part: float) -> float:
-        noise = replace(START, gyro_noise=2e-3 * part, accel_noise=5e-2 * part)
+        noise = replace(FIRST_NOISE, gyro_noise=2e-3 * part, accel_noise=5e-2 * part)
         settled: Any = SimpleNamespace(noise=noise, scale={})
         return likelihood(settled, linear)
 

@@ -12,8 +12,15 @@ from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.candidate import Candidate
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import start_of
-from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise, measure
+from companion.estimation.learned_noise import FIRST_NOISE
+from companion.estimation.linearisation import (
+    Linear,
+    PreintegratedImu,
+    _kinematics,
+    linearise,
+    measure,
+    preintegrate_imu,
+)
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up
@@ -25,7 +32,7 @@ STEP = 1e-5
 
 
 @pytest.fixture(scope="module")
-def problem() -> tuple[Setup, CarriedImu, States]:
+def problem() -> tuple[Setup, PreintegratedImu, States]:
     """Nominal states that are off in everything, and constants that all count."""
     flight, truth = sensed(12.0, "circle", rate=50.0)
     flight = replace(flight, ranges=(range_of(truth, np.random.default_rng(1)),))
@@ -44,7 +51,7 @@ def problem() -> tuple[Setup, CarriedImu, States]:
     constants[CONSTANTS["gps_latency"][0]] = 0.15
     guess = first_guess(setup, flight)
     states = guess.moved(np.concatenate((moved, np.zeros_like(guess.slow)), axis=1), constants)
-    return setup, carry_imu(setup, BIASES), states
+    return setup, preintegrate_imu(setup, BIASES), states
 
 
 def derivative(function: Callable[[States], Array], states: States, x: Array, c: Array) -> Array:
@@ -52,12 +59,12 @@ def derivative(function: Callable[[States], Array], states: States, x: Array, c:
     return (function(states.moved(x, c)) - function(states.moved(-x, -c))) / 2.0
 
 
-def test_every_aiding_sensor_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> None:
+def test_every_aiding_sensor_has_a_case(problem: tuple[Setup, PreintegratedImu, States]) -> None:
     assert {one.name for one in problem[0].readings} == SENSORS.keys()
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, States], name: str) -> None:
+def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, PreintegratedImu, States], name: str) -> None:
     setup, path, states = problem
     one = next(reading for reading in setup.readings if reading.name == name)
 
@@ -94,7 +101,7 @@ def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() ->
     """A body that cones: its rate is not the derivative of the rotation vector. Left out is the third power of that."""
     flight, _ = sensed(12.0, "coning", rate=100.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
-    path, late = carry_imu(setup, BIASES), CONSTANTS["compass_latency"][0]
+    path, late = preintegrate_imu(setup, BIASES), CONSTANTS["compass_latency"][0]
     one = next(reading for reading in setup.readings if reading.name == "compass")
     guess, c = first_guess(setup, flight), np.zeros(CONSTANT_STATES)
     still = np.zeros((len(setup.t), STATES + guess.slow.shape[1]))
@@ -142,7 +149,7 @@ def test_the_motion_is_linear_as_it_says(
     """Residual r + Φ x_k + G c - x_{k+1}, of a turn that is left times J_r; what is accepted has a size already."""
     flight, _ = sensed(12.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
-    path, count = carry_imu(setup, BIASES), len(setup.t)
+    path, count = preintegrate_imu(setup, BIASES), len(setup.t)
     guess = first_guess(setup, flight)
     constants = guess.constants.copy()
     constants[CONSTANTS["accel_matrix"][0]] = apart * 0.01
@@ -158,7 +165,7 @@ def test_the_motion_is_linear_as_it_says(
     scale, slow = {one.name: 1.0 for one in setup.readings}, start_of(setup, guess).slow
 
     def made(of: States) -> Linear:
-        return linearise(setup, path, of, START, scale, {}, slow, accepted, sizes=np.array(sizes))
+        return linearise(setup, path, of, FIRST_NOISE, scale, {}, slow, accepted, sizes=np.array(sizes))
 
     def left(of: States) -> Array:
         motion = made(of).motion
@@ -191,7 +198,7 @@ def test_the_motion_is_linear_as_it_says(
         )
 
 
-def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setup, CarriedImu, States]) -> None:
+def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setup, PreintegratedImu, States]) -> None:
     """Between gaps a velocity is told by nothing: with a latency it would explain any noise of a height."""
     setup, path, states = problem
     broken = setup.t[1:] > 6.0

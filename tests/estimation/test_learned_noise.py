@@ -9,8 +9,8 @@ import pytest
 
 from companion.estimation import smooth
 from companion.estimation.iteration import estimate, start_of
-from companion.estimation.learned_noise import START, Change, _further, coloured, noise_limits
-from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.learned_noise import FIRST_NOISE, Change, _further, coloured, noise_limits
+from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
 from companion.estimation.model import VELOCITY
 from companion.estimation.robust_weights import outlier_weights
 from companion.estimation.setup import first_guess, set_up
@@ -58,7 +58,9 @@ def heard_by_the_barometer(noise: Array) -> Linear:
     setup = set_up(replace(flight, barometers=(heights,)), None, STANDARD_GRAVITY, None)
     scale = {one.name: 0.05 if one.name.startswith("gps") else 3.0 for one in setup.readings}
     states = true_states(setup, flight, truth)
-    return linearise(setup, carry_imu(setup, BIASES), states, START, scale, {}, start_of(setup, states).slow)
+    return linearise(
+        setup, preintegrate_imu(setup, BIASES), states, FIRST_NOISE, scale, {}, start_of(setup, states).slow
+    )
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
@@ -133,7 +135,7 @@ def test_the_walk_of_a_gyro_that_wanders_is_learned(walk: float) -> None:
     steps = np.random.default_rng(4).normal(size=(len(imu), 3)) * walk / np.sqrt(imu.rate_hz)
     setup = set_up(with_imu(flight, replace(imu, gyro=imu.gyro + steps.cumsum(axis=0))), None, STANDARD_GRAVITY, None)
     settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)))
-    assert settled.noise.gyro_walk == pytest.approx(max(walk, START.gyro_walk), rel=0.5)
+    assert settled.noise.gyro_walk == pytest.approx(max(walk, FIRST_NOISE.gyro_walk), rel=0.5)
 
 
 @pytest.mark.parametrize("size", [0.01, 0.05])  # rad/s
@@ -143,4 +145,4 @@ def test_a_step_of_a_gyro_is_a_fault_and_no_walk(size: float) -> None:
     off = np.where(imu.t > 140.0, size, 0.0)[:, None] * [0.0, 1.0, 0.0]
     best = smooth(with_imu(flight, replace(imu, gyro=imu.gyro + off)))
     assert [one.kind for one in best.explained] == ["gyro_bias"]
-    assert best.noise.gyro_walk < 2.0 * START.gyro_walk
+    assert best.noise.gyro_walk < 2.0 * FIRST_NOISE.gyro_walk

@@ -10,8 +10,8 @@ import pytest
 from companion.constants import healthy
 from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.iteration import start_of
-from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import carry_imu, linearise
+from companion.estimation.learned_noise import FIRST_NOISE
+from companion.estimation.linearisation import linearise, preintegrate_imu
 from companion.estimation.readings import Intake, Readings
 from companion.estimation.setup import set_up
 from companion.model import STANDARD_GRAVITY, Array, GpsTrack, Origin, geodetic_from_ned
@@ -75,7 +75,13 @@ def test_a_fix_beside_a_gap_of_the_imu_is_where_the_velocity_leads() -> None:
     states = true_states(setup, flight, truth)
     scale = {one.name: 1.0 for one in setup.readings}
     linear = linearise(
-        setup, carry_imu(setup, (np.zeros(3), np.zeros(3))), states, START, scale, {}, start_of(setup, states).slow
+        setup,
+        preintegrate_imu(setup, (np.zeros(3), np.zeros(3))),
+        states,
+        FIRST_NOISE,
+        scale,
+        {},
+        start_of(setup, states).slow,
     )
     left = next(one for one in linear.measurements if one.name == "gps_position")
     beside = np.isin(setup.t[left.keyframe], setup.t[np.flatnonzero(setup.broken)[:, None] + [0, 1]])

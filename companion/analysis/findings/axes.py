@@ -14,7 +14,7 @@ from itertools import permutations, product
 import numpy as np
 
 from companion.analysis.comparison import Comparison, means_between
-from companion.analysis.fault_interval import SENSORS
+from companion.analysis.fault_interval import SENSOR_WORDS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.settings import board_orientation, compass_orientation, is_internal, mended
 from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
@@ -243,8 +243,8 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
             continue
         meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < check.UNIT_TOLERANCE)
         evidence = (
-            f"{SENSORS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's estimate, "
-            f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
+            f"{SENSOR_WORDS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's "
+            f"estimate, about every axis alike: {next(meant, 'as the counts of a converter would')}"
         )
         advice = (
             f"Mend the units where {track.source} is sent: MAVLink has mrad/s and thousandths of g in SCALED_IMU and "

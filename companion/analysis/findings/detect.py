@@ -89,7 +89,7 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
     if jump.severity != "error" or are_near(off, jump.start_s):
         return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
-    if size is not None and size >= hypothesis_of("gps_position").least and "gps_position" not in best.residuals:
+    if size is not None and size >= hypothesis_of("gps_position").min_reported and "gps_position" not in best.residuals:
         words = (
             f"{jump.evidence}; without GPS it cannot be told whether the position was wrong before it or is after it"
         )
@@ -180,7 +180,7 @@ def findings(
     all_findings += [*outage_findings(flight, comparison.track.t, comparison.gaps), *receiver_findings(flight)]
     all_findings += noise_findings(comparison, noise, imu_spec, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
+    unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # invalid readings are no noise
     all_findings += (
         f
         for f in noisier_findings(comparison.track, apart, sorted(e.t for e in flight.events if e.kind in _ARMING))

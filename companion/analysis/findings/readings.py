@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.fault_interval import SENSORS
+from companion.analysis.fault_interval import SENSOR_WORDS
 from companion.analysis.finding import Cause, Finding, Severity, grouped, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import down_in_body
@@ -37,7 +37,7 @@ def reading_findings(
             start, end, most = float(track.t[group[0]]), float(track.t[group[-1]]), np.abs(readings[group]).max()
             many = counted(len(group), "sample")
             moment = len(group) < harm.CLIPPED_MOMENT_S * track.rate_hz and total < harm.CLIPPED_S * track.rate_hz
-            evidence = f"{many} of the {SENSORS[name]} at the end of its range, {most:.1f} {unit}"
+            evidence = f"{many} of the {SENSOR_WORDS[name]} at the end of its range, {most:.1f} {unit}"
             if moment:
                 evidence += "; a shock does this too: a single event is not counted as a sensor fault"
             advice = "Damp the mounting, or set a larger range: a shock, vibration or a turn is more than it can read."

@@ -169,7 +169,7 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     latency, sigma = float(measured[0][0]), float(measured[1][0])
     off = max(latency - high, low - latency)
     swift = float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
-    if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").least) or off * swift < harm.GPS_DELAY_M:
+    if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").min_reported) or off * swift < harm.GPS_DELAY_M:
         return None
     usual = f"0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}"
     evidence = (

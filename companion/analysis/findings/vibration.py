@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
-from companion.analysis.fault_interval import SENSORS
+from companion.analysis.fault_interval import SENSOR_WORDS
 from companion.analysis.finding import Cause, Finding, Severity, run_edges
 from companion.analysis.findings.readings import read_by
 from companion.analysis.imu_spec import ImuSpec
@@ -115,7 +115,7 @@ def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuT
 
 def _finding(name: str, axis: int, begin: float, end: float, factor: float, alone: bool) -> Finding:
     kind = f"{name}_noise"
-    words = f"{SENSORS[name]} {'xyz'[axis]} is {factor:.0f} times noisier than usual, and its other axes are not"
+    words = f"{SENSOR_WORDS[name]} {'xyz'[axis]} is {factor:.0f} times noisier than usual, and its other axes are not"
     advice = "Look at its power and wiring, or what was loose at that time; a second IMU in the log tells which."
     if alone:
         cause = Cause(kind, "imu", begin, end, sensor=name, axis="xyz"[axis])

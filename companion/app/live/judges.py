@@ -1,4 +1,10 @@
-"""The verdicts on every vehicle of a link: a judge for each, over one stream, and when each of them judges."""
+"""The verdicts on every vehicle of a link: a judge for each, over one stream, and when each of them judges.
+
+A verdict is due every 4 s, and sooner where the last one took long, so that none is older than 5 s when the next is
+there. Between them a look at the newest 20 s, a fortieth of the work, calls for a verdict at once where the last
+seconds differ from those before. A verdict that took more than 1.6 s of the processor shortens the data of the next:
+the newest seconds come first. And the processor rests twice as long as it was busy, 1.25 times under an alarm.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +16,15 @@ from math import sqrt
 from companion.analysis import LiveVerdict
 from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging, new_stream
 
-_LOOK_S = 0.4  # between two looks at whether something has just begun: one each second time that data are handed over
-PAUSE_S = 4.0  # between the begins of two judgements
-_AGE_S = 4.2  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
-_SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
-_ALARM_SHARE = 1.25  # while there is an alarm, or one may be near: it costs more to explain, and must not be late
-_CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
-_COSTS_S = 1.6  # of the processor that one may take: what took more is shortened in proportion, the newest come first
-_LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
-_AT_ONCE = 1.4  # times those that were shortened, at most: the onset of what cost much must not be lost for it
+_LOOK_S = 0.4  # between two looks: data are handed over twice as often
+PAUSE_S = 4.0  # between the beginnings of two verdicts
+_AGE_S = 4.2  # from the beginning of a verdict to the end of the next, so that it is shown before the last is 5 s old
+_SHARE = 2.0  # rest after a verdict, in times of the CPU time that it took
+_ALARM_SHARE = 1.25  # the same under an alarm, or after a look has called for a verdict
+_CALLED_S = 2.5  # CPU time between two regular verdicts that those which looks call for may take: five of 0.5 s
+_COSTS_S = 1.6  # CPU time of a verdict, beyond which the next judges less data in proportion
+_LESS, _MORE = 0.8, 1.1  # factors of the data judged next: where the next verdict would be late, and where it would not
+_AT_ONCE = 1.4  # the largest such factor after data were cut: with too little the onset of a fault would be lost
 
 
 class Pace:

@@ -66,7 +66,7 @@ def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list
     apart = off_course(times, ON_BOARD)
     notes = left_out(times, apart)
     timed = {
-        name: replace(records[name], given=t) if name not in apart else records[name].select(~apart[name])
+        name: replace(records[name], sender_s=t) if name not in apart else records[name].select(~apart[name])
         for name, t in times.items()
     }
     timed = {name: one for name, one in timed.items() if len(one)}
@@ -74,7 +74,7 @@ def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list
         return {}, notes
     clock = max(timed.values(), key=len)
     bare = {
-        name: replace(one, given=np.interp(one.offset, clock.offset, clock.t))
+        name: replace(one, sender_s=np.interp(one.offset, clock.offset, clock.t))
         for name, one in records.items()
         if not one.layout.clock and one.rows.dtype.names
     }
@@ -95,7 +95,7 @@ def _by_gps(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[st
     def timed(one: Records) -> Records:
         inside = (one.offset >= gps.offset[0]) & (one.offset <= gps.offset[-1])
         one = one.select(inside | (one.name in _HAPPENINGS))
-        return replace(one, given=np.interp(one.offset, gps.offset, since))
+        return replace(one, sender_s=np.interp(one.offset, gps.offset, since))
 
     within = {name: timed(one) for name, one in records.items() if one.rows.dtype.names}
     return within, ["no record has a time (ArduCopter 3.1 and older): that is the GPS's, in s since its first fix"]
