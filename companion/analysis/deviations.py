@@ -7,7 +7,7 @@ readings.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -211,11 +211,16 @@ def _deviations(
     possible: list[EstimatorDeviation] = []
     for name, (value, sigma, known) in off.items():
         both = np.hypot(sigma, healthy.AP_SIGMA[name])
-        harmful = (value > _LEAST[name]) & (error_probability(name, value, both) > 1.0 - priors.ACCUSED)
+        harmful = (value > np.maximum(_LEAST[name], num.Z_95 * both)) & (
+            error_probability(name, value, both) > 1.0 - priors.ACCUSED
+        )
         if own := _lasting(best, reference, name, value, both, known & (value > least_deviation(name, sigma))):
             called += own
         elif some := _lasting(best, reference, name, value, both, known & harmful):
-            possible.append(max(some, key=lambda one: one.probability))
+            likeliest = max(some, key=lambda one: one.probability)
+            lasts = (best.t >= likeliest.start) & (best.t <= likeliest.end)  # its peak is the largest of many by chance
+            size, own_sigma = float(np.median(value[lasts])), float(np.median(both[lasts]))
+            possible.append(replace(likeliest, size=size, sigma=own_sigma))
     return tuple(sorted(called, key=lambda d: d.start)), tuple(possible)
 
 
