@@ -182,7 +182,8 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
     constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
     """
     in_time = sorted(best.explained, key=lambda one: one.onset)
-    parts = [_fault_shares(one, best) for one in in_time if one.rivals and one.onset < until]
+    since_start = [one for one in fault_intervals(best) if _is_from_start(one, best)]
+    parts = [_fault_shares(one, since_start, best) for one in in_time if one.rivals and one.onset < until]
     first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
     for shares in (*parts, probabilities(best.further)):
         for side, share in shares.items():
@@ -191,15 +192,11 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
     return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
 
 
-def _fault_shares(one: Explained, best: BestEstimate) -> dict[str, float]:
+def _fault_shares(one: Explained, since_start: Sequence[FaultInterval], best: BestEstimate) -> dict[str, float]:
     """Side → probability that what was explained is a harmful fault of it, and no usual calibration since the start."""
     shares, side = probabilities(one.rivals), hypothesis_of(one.kind).side
-    since = (
-        _since_start(each, best)
-        for each in fault_intervals(best)
-        if each.kind == one.kind and abs(each.start - one.onset) < check.NEAR_S and _is_from_start(each, best)
-    )
-    if not (sure := next(since, 0.0)):
+    same = (each for each in since_start if each.kind == one.kind and abs(each.start - one.onset) < check.NEAR_S)
+    if not (sure := next((_since_start(each, best) for each in same), 0.0)):
         return shares
     return shares | {side: shares[side] * sure, "nobody": shares["nobody"] + shares[side] * (1.0 - sure)}
 

@@ -192,20 +192,13 @@ def estimator_deviations(
     where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
-    return _deviations(flight, best, limits, tilted)[0]
+    return called_and_possible(flight, best, limits, tilted)[0]
 
 
-def possible_deviations(
+def called_and_possible(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[EstimatorDeviation, ...]:
-    """Beside those the largest of each other quantity that would do harm, and may be chance as well."""
-    return _deviations(flight, best, limits, tilted)[1]
-
-
-def _deviations(
-    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]
 ) -> tuple[tuple[EstimatorDeviation, ...], tuple[EstimatorDeviation, ...]]:
-    """Those that are called, in order of time, and those that may be chance."""
+    """The same, and the largest of each other quantity that would do harm, and may be chance as well."""
     reference, off = _off(flight, best, limits, tilted)
     called: list[EstimatorDeviation] = []
     possible: list[EstimatorDeviation] = []

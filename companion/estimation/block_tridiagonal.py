@@ -33,6 +33,12 @@ class _Level:
             joined = min(last, even - 1)
             yield slice(first, last), slice(first, joined), slice(first + 1, joined + 1)
 
+    def eliminate(self, odd: Array, even: Array) -> None:
+        """Take out of the even rows (of some right-hand sides) what the odd ones say; in place."""
+        for part, joined, after in self.parts(len(even)):
+            even[part] -= self.left[part].swapaxes(-1, -2) @ odd[part]
+            even[after] -= self.right[joined].swapaxes(-1, -2) @ odd[joined]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
@@ -56,9 +62,7 @@ class Factor:
         views = [x]  # every level's part of the same memory, in which first the right-hand side stands
         for level in self.levels:
             odd, even = views[-1][1::2], views[-1][0::2]
-            for part, joined, after in level.parts(len(even)):
-                even[part] -= level.left[part].swapaxes(-1, -2) @ odd[part]
-                even[after] -= level.right[joined].swapaxes(-1, -2) @ odd[joined]
+            level.eliminate(odd, even)
             views.append(even)
         views[-1][:] = self.last @ views[-1]
         for level, view in zip(reversed(self.levels), reversed(views[:-1]), strict=True):
@@ -76,10 +80,8 @@ class Factor:
         out = np.zeros((x.shape[2], x.shape[2]))
         for level in self.levels:
             odd, even = even[1::2], even[0::2]
-            for part, joined, after in level.parts(len(even)):
-                even[part] -= level.left[part].swapaxes(-1, -2) @ odd[part]
-                even[after] -= level.right[joined].swapaxes(-1, -2) @ odd[joined]
-                out += crossed(odd[part], level.inverse[part] @ odd[part])
+            level.eliminate(odd, even)
+            out += sum(crossed(odd[part], level.inverse[part] @ odd[part]) for part, _, _ in level.parts(len(even)))
         return out + crossed(even, self.last @ even)
 
     def inverse_blocks(self) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
 from companion.analysis.attribution import fault_probability, findings_of, follows, possible_error
 from companion.analysis.comparison import compare
-from companion.analysis.deviations import estimator_deviations, possible_deviations
+from companion.analysis.deviations import called_and_possible, estimator_deviations
 from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
@@ -123,14 +123,14 @@ def test_a_harmful_deviation_that_may_be_chance_is_said_with_its_probability(
     """11° where both may be off by 4.3°, 1σ: less than three of them, and more than does no harm."""
     off, doubted = headed(flight, 11.0), unsure(best)
     assert estimator_deviations(off, doubted, Limits()) == ()
-    (heading,) = possible_deviations(off, doubted, Limits())
+    (heading,) = called_and_possible(off, doubted, Limits())[1]
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([11.0, 4.3], abs=1.0)
     finding = possible_error(heading)
     assert (finding.severity, finding.undecided) == ("info", False)
     assert finding.cause is not None
     assert finding.cause.probability == pytest.approx(0.15, abs=0.1)
-    assert possible_deviations(headed(flight, 6.0), doubted, Limits()) == ()  # harms nobody
-    assert possible_deviations(headed(flight, 40.0), doubted, Limits()) == ()  # is called
+    assert called_and_possible(headed(flight, 6.0), doubted, Limits())[1] == ()  # harms nobody
+    assert called_and_possible(headed(flight, 40.0), doubted, Limits())[1] == ()  # is called
 
 
 def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_of_it(

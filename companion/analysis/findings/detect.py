@@ -15,7 +15,7 @@ from companion.analysis.attribution import findings_of, possible_error
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
-from companion.analysis.deviations import estimator_deviations, known_biases, possible_deviations
+from companion.analysis.deviations import called_and_possible, estimator_deviations, known_biases
 from companion.analysis.fault_interval import fault_intervals
 from companion.analysis.finding import Cause, Finding, are_near, by_severity
 from companion.analysis.findings.aiding import screened_aiding
@@ -56,11 +56,11 @@ def findings_by_estimate(
     """
     so_far, faults, jumps = known
     while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
-    deviations = estimator_deviations(flight, best, limits, tilted)
-    deviations = tuple(one for one in deviations if not is_led_to(one.start, one.end, faults))
+    called, possible = called_and_possible(flight, best, limits, tilted)
+    deviations = tuple(one for one in called if not is_led_to(one.start, one.end, faults))
     out = findings_of(while_judged, deviations, best, flight.imu_in_use)
     if not out or all(one.severity == "info" for one in out):  # else it is known what is wrong
-        out += map(possible_error, possible_deviations(flight, best, limits, tilted))
+        out += map(possible_error, possible)
     out += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
     # the best estimate has judged where the autopilot went: a jump is one of the signs of it
     return out, [_confirmed(f, [*so_far, *out], best) for f in jumps]
