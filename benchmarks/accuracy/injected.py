@@ -11,6 +11,7 @@ real one had the full rate. Shares are means over vehicles of the means over the
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,8 +30,10 @@ from benchmarks.accuracy.faults import FAULTS, STATED, Fault, Stated
 from benchmarks.accuracy.labels import SHARED, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import detectable_table, table
-from benchmarks.accuracy.reliability import reliability
+from benchmarks.accuracy.reliability import Claim, reliability
+from companion.analysis.reference import attitude_error, length
 from companion.app.recording import read_recording
+from companion.constants import healthy
 from companion.model import CompanionError, DataError, Flight
 
 STANDARD = (
@@ -154,9 +157,11 @@ def judged(case: Case) -> list[Row]:
         fault = FAULTS[number]
         if fault.sensed and known is None:
             continue
-        began, onset = time.process_time(), flight.start + share * flight.duration
+        began, before = time.process_time(), fault.made_into(flight)
         try:
-            wrong = fault.inject(fault.made_into(flight), fault.sizes[size] * fault.scale, onset)
+            onset, wrong = injected(fault, fault.sizes[size] * fault.scale, before, share)
+            if wrong is None:
+                continue
             if fault.sensed and known is not None:
                 begun = ekf.aligned(known, wrong) if fault.throughout and fault.side == "autopilot" else known
                 wrong = followed(wrong, flight, begun, healthy)
@@ -165,6 +170,35 @@ def judged(case: Case) -> list[Row]:
             said = Failed(f"{type(error).__name__}: {error}")
         rows.append(_row(case, fault.name, fault, fault.sizes[size], onset, said, began))
     return rows
+
+
+def injected(fault: Fault, size: float, flight: Flight, share: float) -> tuple[float, Flight | None]:
+    """The onset, s, and a flight with a fault of a size in SI from a share of it on, or from the next of the onsets.
+
+    At the first at which it shows in what is recorded: None where at none, as of a range that nothing reaches any more.
+    """
+    for one in sorted({*_ONSETS, share}, key=lambda later: (later < share, later)):
+        onset = flight.start + one * flight.duration
+        wrong = fault.inject(flight, size, onset)
+        if changes(flight, wrong):
+            return onset, wrong
+    return math.nan, None
+
+
+def changes(before: Flight, after: Flight) -> bool:
+    """Whether a fault changes a reading, or the estimate by more than a healthy one is off by, 1σ."""
+    tracks = (*zip(before.gps, after.gps, strict=True), *zip(before.compasses, after.compasses, strict=True))
+    if any(one is not other for one, other in tracks):
+        return True
+    for one, other in zip(before.imus.values(), after.imus.values(), strict=True):
+        if not (np.array_equal(one.gyro, other.gyro) and np.array_equal(one.accel, other.accel)):
+            return True
+    turned = attitude_error(after.require_attitude().q_ned_frd, before.require_attitude().q_ned_frd)
+    moved = np.zeros((1, 3))
+    if before.position is not None and after.position is not None:
+        moved = after.position.position - before.position.position
+    off = {"tilt": turned[:, :2], "heading": turned[:, 2:], "position": moved[:, :2], "height": moved[:, 2:]}
+    return any(float(length(values).max()) > healthy.AP_SIGMA[quantity] for quantity, values in off.items())
 
 
 def judged_at_detectable(case: Drawn) -> list[Row]:
@@ -345,7 +379,11 @@ def main() -> int:
         chosen.sizes = "middle" if chosen.quick else chosen.sizes
         rows = _run(judged, cases(paths, sizes=chosen.sizes, shift=chosen.shift, only=chosen.only), chosen)
         print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
-    claims = [(r.vehicle, r.stated, r.result in ("found", "clear")) for r in rows if r.result not in _UNSTATED]
+    claims = [
+        Claim(r.vehicle, r.stated, r.result in ("found", "clear"), r.result not in ("missed", "clear"))
+        for r in rows
+        if r.result not in _UNSTATED
+    ]
     print(f"\n{reliability(claims)}\n")
     print(f"{len(rows)} verdicts, {sum(row.cpu_s for row in rows):.0f} s of CPU")
     if chosen.json:

@@ -23,7 +23,7 @@ from benchmarks.accuracy.changes import slower_attitude
 from benchmarks.accuracy.cutting import thinned
 from benchmarks.accuracy.labels import SHARED, Label, Outcome, details, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from benchmarks.accuracy.reliability import Stated, reliability
+from benchmarks.accuracy.reliability import Claim, reliability
 from companion.app.recording import read_recording
 from companion.model import CompanionError, Flight
 
@@ -129,12 +129,13 @@ def table(outcomes: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-def _stated(outcomes: Iterable[Row]) -> Iterator[Stated]:
+def _stated(outcomes: Iterable[Row]) -> Iterator[Claim]:
     """Verdicts that say who is wrong, or that nobody is."""
     for row in outcomes:
         if row.said is not None and row.said.side != "cannot_tell":
             owner, named, _ = Path(row.log).name.partition("__")
-            yield owner if named else row.group, row.said.stated, row.outcome == "right"
+            whose, right = owner if named else row.group, row.outcome == "right"
+            yield Claim(whose, row.said.stated, right, accuses=row.said.side != "none")
 
 
 def wrong_reason(row: Row) -> bool:

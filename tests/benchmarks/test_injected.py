@@ -12,7 +12,7 @@ import pytest
 from benchmarks.accuracy import ekf
 from benchmarks.accuracy.cutting import cut, field_ned, gps_ned, thinned
 from benchmarks.accuracy.faults import FAULTS, STATED, Fault
-from benchmarks.accuracy.injected import Case, cases, flown, judged
+from benchmarks.accuracy.injected import Case, cases, flown, injected, judged
 from benchmarks.accuracy.power import detectable_table, share, smallest_found, table, wilson
 from companion.app.recording import read_recording
 from companion.model import Flight
@@ -171,6 +171,19 @@ def test_a_whole_flight_is_judged() -> None:
     ]  # fmt: skip
     assert [row.result for row in rows] == ["clear", "clear", "found", "found"]
     assert "position jumps, m" in table(rows, {fault.name: fault.unit for fault in FAULTS})
+
+
+def test_a_fault_that_shows_at_one_onset_alone_is_injected_there_and_one_that_shows_at_none_is_left_out(
+    demo: Flight,
+) -> None:
+    flight = flown(demo)
+    assert flight
+    saturated = named("gyro saturated")
+    onset, wrong = injected(saturated, 0.75, flight, 0.65)  # the vehicle has landed: it turned before
+    assert wrong is not None
+    assert onset == flight.start + 0.35 * flight.duration
+    assert (wrong.imu().gyro != flight.imu().gyro).any()
+    assert injected(named("estimate is late"), 1e-4, flight, 0.35)[1] is None
 
 
 def test_cases_hold_every_fault_at_both_rates(demo: Flight) -> None:
