@@ -8,8 +8,9 @@ A deviation that follows a fault interval is its consequence; one that follows n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -132,15 +133,15 @@ def _of_interval(
     if from_start and interval.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(interval, best)
     side: Side = "imu" if interval.side == "imu" else "autopilot" if harmed else "data"
-    doubt = _why_undecided(interval, best)
-    why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
+    own_doubt = _doubt_of_interval(interval, best)
+    doubt = Doubt(_HARDLY_OFF, _ANOTHER) if severity == "warning" else None
     if severity == "error":
-        why, would_tell = doubt
+        doubt = own_doubt
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
-            why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
+            doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
     misled_nobody = severity == "info" and interval.side != "imu" and not from_start
-    severity = "warning" if misled_nobody and not doubt[0] else severity
-    undecided = bool(why) and (harmed or severity != "error" or not from_start)
+    severity = "warning" if misled_nobody and own_doubt is None else severity
+    undecided = doubt is not None and (harmed or severity != "error" or not from_start)
     headline = evidence = described(interval, best)
     misled: tuple[str, ...] = ()
     if severity == "error" and interval.side == "imu":
@@ -150,26 +151,28 @@ def _of_interval(
     if harmed:
         worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
         misled = tuple(str(d) for d in worst.values())
-        evidence += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
+        evidence += f"; the autopilot {'was' if doubt is None else 'would have been'} misled by it: " + ", ".join(
+            misled
+        )
     shown_kind = interval.kind
-    if why.startswith("cannot tell") and no_fault and harmed:
+    if doubt is not None and doubt.rival == "cause" and no_fault and harmed:
         shown_kind = f"{consequences[0].quantity}_off"
         side, severity, headline = "data", "warning", ""
         evidence = (
             f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it: "
             f"{described(interval, best)} is one with {percent(1.0 - nobody)}"
         )
-    elif why:
+    elif doubt is not None:
         side, severity, headline = "data", "warning", ""
-        evidence = f"{'perhaps ' if would_tell else ''}{evidence}; {why}"
+        evidence = f"{'perhaps ' if doubt.would_tell else ''}{evidence}; {doubt.why}"
     elif no_fault and not harmed:
         evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.side], next_best
         evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
-    cause = None if why else cause_of(interval, best, side, misled)
-    advice = would_tell or hypothesis_of(interval.kind).advice
+    cause = cause_of(interval, best, side, misled) if doubt is None else None
+    advice = (doubt and doubt.would_tell) or hypothesis_of(interval.kind).advice
     return Finding(
         shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
@@ -234,29 +237,36 @@ _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 
 
-def _why_undecided(interval: FaultInterval, best: BestEstimate) -> tuple[str, str]:
-    """Why an interval that looks like a fault accuses nobody, empty where it does; and what would tell."""
-    reasons = (
-        (hypothesis_of(interval.kind).nuisance,
-         "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
-        (not best.converged, _NOT_CONVERGED, _ANOTHER),
-        (best.contradicted and interval.side != "imu", _CONTRADICTED, _FASTER),
-        _undecided(interval),
-    )  # fmt: skip
-    return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why something that is off accuses nobody."""
+
+    why: str
+    would_tell: str = ""  # what in a log would; "" where nothing does
+    rival: Literal["", "cause", "IMU", "chance"] = ""  # what else it may be, where that has a probability
 
 
-def _undecided(interval: FaultInterval) -> tuple[bool, str, str]:
-    """Whether the probability that the sensor's side is at fault is too small to accuse it, and what else it may be."""
+def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | None:
+    """Why an interval that looks like a fault accuses nobody; None where it does."""
+    if hypothesis_of(interval.kind).nuisance:
+        return Doubt("a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment")
+    if not best.converged:
+        return _NOT_CONVERGED
+    if best.contradicted and interval.side != "imu":
+        return _CONTRADICTED
+    return _undecided(interval)
+
+
+def _undecided(interval: FaultInterval) -> Doubt | None:
+    """What else it may be, where the probability that the sensor's side is at fault is too small to accuse it."""
     by_side, own = probability_by_side(interval), _side(interval.kind)
     other = max((side for side in by_side if side != own), key=lambda side: by_side[side])
     likeliest = next((one.kind for one in interval.rivals if _side(one.kind) == other), "")
     name = "no fault" if other == "nobody" else words(likeliest)
-    return (
-        by_side[own] < priors.ACCUSED,
-        f"cannot tell {words(interval.kind)} from {name} ({percent(by_side[own])} / {percent(by_side[other])})",
-        _ANOTHER,
-    )
+    if by_side[own] >= priors.ACCUSED:
+        return None
+    shares = f"{percent(by_side[own])} / {percent(by_side[other])}"
+    return Doubt(f"cannot tell {words(interval.kind)} from {name} ({shares})", _ANOTHER, "cause")
 
 
 def _side(kind: str) -> str:
@@ -264,43 +274,45 @@ def _side(kind: str) -> str:
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
-_CONTRADICTED = (
-    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
-)
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
+_CONTRADICTED = Doubt(
+    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong",
+    _FASTER,
+)
+_NOT_CONVERGED = Doubt(
+    "the best estimate has not converged: no trajectory was found that fits the sensors best", _ANOTHER
+)
 
 
-_EITHER = "it cannot be told which of the two is wrong"
-
-
-def _wanders(best: BestEstimate) -> str:
-    lost = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
-    return f"the gyro's bias wanders by {lost:.1f} mrad/s in a minute (1σ): {_EITHER}"
-
-
-_NOT_CONVERGED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
+def _either(why: str, would_tell: str) -> Doubt:
+    """Where nothing but how often they fail tells the estimator from the IMU."""
+    return Doubt(f"{why}: it cannot be told which of the two is wrong", would_tell, "IMU")
 
 
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
 
 
-def _why_unsure(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> tuple[str, str]:
-    """Why a deviation does not accuse the autopilot, empty where it does; and what would tell."""
-    faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
-    likely = (sensor for kind in faults if (sensor := SENSOR_WORDS.get(kind.split("_")[0])))
-    sensor = None if deviation.quantity in _MEASURED else next(likely, None)
-    reasons = (
-        (not best.converged, _NOT_CONVERGED, _ANOTHER),
-        ("gps_position" not in best.residuals, f"without GPS {_EITHER}", _WITNESS),
-        (best.contradicted, _CONTRADICTED, _FASTER),
-        (best.noise.gyro_wanders and deviation.quantity not in _MEASURED, _wanders(best), _FASTER),
-        (deviation.start >= imu_agrees_from, f"the IMU moved as the autopilot says: {_EITHER}", _ANOTHER),
-        (sensor is not None,
-         f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (deviation.probability < priors.ACCUSED,
-         f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})", _ANOTHER),
-    )  # fmt: skip
-    return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
+def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> Iterator[Doubt]:
+    """Why a deviation does not accuse the autopilot, the weightiest first; none where it does."""
+    if not best.converged:
+        yield _NOT_CONVERGED
+    if "gps_position" not in best.residuals:
+        yield _either("without GPS", _WITNESS)
+    if best.contradicted:
+        yield _CONTRADICTED
+    by_gyro = deviation.quantity not in _MEASURED
+    if best.noise.gyro_wanders and by_gyro:
+        wanders = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
+        yield _either(f"the gyro's bias wanders by {wanders:.1f} mrad/s in a minute (1σ)", _FASTER)
+    if deviation.start >= imu_agrees_from:
+        yield _either("the IMU moved as the autopilot says", _ANOTHER)
+    faults = (one.kind.split("_")[0] for one in best.further if one.fault_log_odds > priors.CANDIDATE)
+    if by_gyro and (sensor := next((SENSOR_WORDS[one] for one in faults if one in SENSOR_WORDS), "")):
+        why = f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"
+        yield Doubt(why, _ANOTHER)
+    if deviation.probability < priors.ACCUSED:
+        why = f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})"
+        yield Doubt(why, _ANOTHER, "chance")
 
 
 def possible_error(deviation: EstimatorDeviation) -> Finding:
@@ -321,18 +333,19 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: flo
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
     both may be off by, it is said and accuses nobody.
     """
-    why, would_tell = _why_unsure(deviation, best, imu_agrees_from)
+    doubt = next(_doubts(deviation, best, imu_agrees_from), None)
     kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
-    if why:
-        evidence, cause = f"autopilot and IMU differ by {deviation}; {why}", None
-        if why.startswith(_HARDLY_OFF):
+    if doubt is not None:
+        evidence, cause = f"autopilot and IMU differ by {deviation}; {doubt.why}", None
+        if doubt.rival == "chance":
             cause = deviation.cause
-        elif why.endswith(_EITHER):
+        elif doubt.rival == "IMU":
             sure, rival = deviation.or_imu
             evidence += f" (if no other sensor is: the estimator {percent(sure)}, the IMU {percent(rival)})"
             own = deviation.cause
             cause = replace(own, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=rival)
-        return Finding(kind, "data", "warning", start, end, evidence, would_tell, cause=cause, undecided=True)
+        advice = doubt.would_tell
+        return Finding(kind, "data", "warning", start, end, evidence, advice, cause=cause, undecided=True)
     against = "the best estimate of the sensors, which agree with each other"
     evidence = f"its estimate is off by {deviation} against {against}"
     advice = "Look at the estimator's innovations and at its settings; compare with another core or another estimator."
