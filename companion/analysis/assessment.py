@@ -138,7 +138,7 @@ class Assessment:
         try:
             kinds = [] if best is None else [hypothesis_of(one.kind) for one in best.explained]
             # of what lasts for a while there is no constant one of the whole flight
-            steady = not any(kind.side == "imu" and not kind.nuisance for kind in kinds)
+            steady = not any(kind.device == "imu" and not kind.nuisance for kind in kinds)
             whole = fitted(best.errors if best and steady else None)
             part = fitted(best.first_half[1] if best and steady else None, self._middle)
         except np.linalg.LinAlgError:  # the flight does not determine what is asked of it

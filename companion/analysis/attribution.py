@@ -28,7 +28,7 @@ from companion.analysis.fault_interval import (
     own_odds,
     percent,
     probability_by_imu,
-    probability_by_side,
+    probability_imu_or_aiding,
     reported_size,
     rival,
     turn_of_compass,
@@ -51,7 +51,7 @@ def may_be_fault(interval: FaultInterval) -> bool:
     """Whether an IMU's error is a fault; a sensor's is one where it misled the autopilot, which this does not say."""
     kind = hypothesis_of(interval.kind)
     least = harmful(kind, "step", interval.imu)
-    return interval.side != "imu" or (not kind.nuisance and interval.magnitude >= least)
+    return interval.device != "imu" or (not kind.nuisance and interval.magnitude >= least)
 
 
 def follows(deviation: EstimatorDeviation, interval: FaultInterval, best: BestEstimate) -> bool:
@@ -61,7 +61,7 @@ def follows(deviation: EstimatorDeviation, interval: FaultInterval, best: BestEs
     if interval.kind in HEIGHTS:
         most = check.OVERSHOOT * interval.magnitude + num.SIGMAS * deviation.sigma
         return deviation.quantity == "height" and deviation.size < most
-    if interval.side != "compass":
+    if interval.device != "compass":
         return True
     if deviation.quantity == "heading":
         turned, sigma = turn_of_compass(interval, best)
@@ -108,7 +108,7 @@ def findings_of(
 
     in_use: the IMU that it flew on; another one misleads nobody.
     """
-    may = tuple(e for e in all_intervals if e.side != "imu" or _in_use(e, best, in_use))
+    may = tuple(e for e in all_intervals if e.device != "imu" or _in_use(e, best, in_use))
     caused = [(d, _cause_among(d, may, best)) for d in deviations]
     by_interval = [_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals]
     own = [d for d, cause in caused if cause is None]
@@ -125,26 +125,26 @@ def _of_interval(
     severity: Severity = "warning" if harmed else "info"
     nobody = likelihoods(interval).get("nobody", 0.0)
     no_fault = nobody >= priors.ACCUSED
-    if misleads or (may_be_fault(interval) and (harmed or (interval.side == "imu" and not no_fault))):
+    if misleads or (may_be_fault(interval) and (harmed or (interval.device == "imu" and not no_fault))):
         severity = "error"
     if severity == "info" and not is_sized(interval, best):
         return None
     from_start = _is_from_start(interval, best)
     if from_start and interval.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(interval, best)
-    side: Side = "imu" if interval.side == "imu" else "autopilot" if harmed else "data"
+    side: Side = "imu" if interval.device == "imu" else "autopilot" if harmed else "data"
     own_doubt = _doubt_of_interval(interval, best)
     doubt = Doubt(_HARDLY_OFF, _ANOTHER) if severity == "warning" else None
     if severity == "error":
         doubt = own_doubt
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
             doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
-    misled_nobody = severity == "info" and interval.side != "imu" and not from_start
+    misled_nobody = severity == "info" and interval.device != "imu" and not from_start
     severity = "warning" if misled_nobody and own_doubt is None else severity
     undecided = doubt is not None and (harmed or severity != "error" or not from_start)
     headline = evidence = described(interval, best)
     misled: tuple[str, ...] = ()
-    if severity == "error" and interval.side == "imu":
+    if severity == "error" and interval.device == "imu":
         evidence = headline = f"{headline}{_which_imu(interval, best)}"
         if not _in_use(interval, best, in_use):
             evidence += "; the autopilot flew on another IMU"
@@ -168,7 +168,7 @@ def _of_interval(
     elif no_fault and not harmed:
         evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
-        sure, (kind, share) = likelihoods(interval)[interval.side], next_best
+        sure, (kind, share) = likelihoods(interval)[interval.device], next_best
         evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
     end = min(interval.end, float(best.t[-1]))
     cause = cause_of(interval, best, side, misled) if doubt is None else None
@@ -197,16 +197,16 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
 
 def _fault_shares(one: Explained, since_start: Sequence[FaultInterval], best: BestEstimate) -> dict[str, float]:
     """Side → probability that what was explained is a harmful fault of it, and no usual calibration since the start."""
-    shares, side = probabilities(one.rivals), hypothesis_of(one.kind).side
+    shares, device = probabilities(one.rivals), hypothesis_of(one.kind).device
     same = (each for each in since_start if each.kind == one.kind and abs(each.start - one.onset) < check.NEAR_S)
     if not (sure := next((_since_start(each, best) for each in same), 0.0)):
         return shares
-    return shares | {side: shares[side] * sure, "nobody": shares["nobody"] + shares[side] * (1.0 - sure)}
+    return shares | {device: shares[device] * sure, "nobody": shares["nobody"] + shares[device] * (1.0 - sure)}
 
 
 def _is_from_start(interval: FaultInterval, best: BestEstimate) -> bool:
     """Whether it may have been there from the beginning on: of an IMU what grows is none of calibration or mounting."""
-    lasting = not (interval.slow and interval.side == "imu")
+    lasting = not (interval.slow and interval.device == "imu")
     return lasting and interval.start - num.ONSET_SIGMAS * interval.start_sigma <= times_of_change(best.t)[0]
 
 
@@ -215,7 +215,7 @@ def _since_start(interval: FaultInterval, best: BestEstimate) -> float:
     if interval.kind in ("gyro_scale", "accel_scale"):
         return scale_fault_probability(interval.size, np.full(len(interval.size), interval.sigma))
     size, sigma, unit = reported_size(interval, best)
-    return compass_fault_probability(size, sigma) if interval.side == "compass" and unit == "µT" else 0.0
+    return compass_fault_probability(size, sigma) if interval.device == "compass" and unit == "µT" else 0.0
 
 
 def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
@@ -252,25 +252,25 @@ def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | N
         return Doubt("a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment")
     if not best.converged:
         return _NOT_CONVERGED
-    if best.contradicted and interval.side != "imu":
+    if best.contradicted and interval.device != "imu":
         return _CONTRADICTED
     return _undecided(interval)
 
 
 def _undecided(interval: FaultInterval) -> Doubt | None:
     """What else it may be, where the probability that the sensor's side is at fault is too small to accuse it."""
-    by_side, own = probability_by_side(interval), _side(interval.kind)
-    other = max((side for side in by_side if side != own), key=lambda side: by_side[side])
-    likeliest = next((one.kind for one in interval.rivals if _side(one.kind) == other), "")
+    shares, own = probability_imu_or_aiding(interval), _imu_or_aiding(interval.kind)
+    other = max((one for one in shares if one != own), key=lambda one: shares[one])
+    likeliest = next((one.kind for one in interval.rivals if _imu_or_aiding(one.kind) == other), "")
     name = "no fault" if other == "nobody" else words(likeliest)
-    if by_side[own] >= priors.ACCUSED:
+    if shares[own] >= priors.ACCUSED:
         return None
-    shares = f"{percent(by_side[own])} / {percent(by_side[other])}"
-    return Doubt(f"cannot tell {words(interval.kind)} from {name} ({shares})", _ANOTHER, "cause")
+    two = f"{words(interval.kind)} from {name} ({percent(shares[own])} / {percent(shares[other])})"
+    return Doubt(f"cannot tell {two}", _ANOTHER, "cause")
 
 
-def _side(kind: str) -> str:
-    return "imu" if hypothesis_of(kind).side == "imu" else "aiding"
+def _imu_or_aiding(kind: str) -> str:
+    return "imu" if hypothesis_of(kind).device == "imu" else "aiding"
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
@@ -340,9 +340,7 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: flo
         if doubt.rival == "chance":
             cause = deviation.cause
         elif doubt.rival == "IMU":
-            sure, rival = deviation.or_imu
-            evidence += f" (if no other sensor is: the estimator {percent(sure)}, the IMU {percent(rival)})"
-            own = deviation.cause
+            own, (sure, rival) = deviation.cause, deviation.or_imu
             cause = replace(own, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=rival)
         advice = doubt.would_tell
         return Finding(kind, "data", "warning", start, end, evidence, advice, cause=cause, undecided=True)

@@ -361,7 +361,7 @@ def _heading_off(
     size = np.abs(error)
     doubted = sigma > check.WELL_KNOWN * healthy.AP_SIGMA["heading"]
     reset_times = np.sort([one.t for one in resets if one.kind == "heading"])
-    turned = min((one.onset for one in best.explained if hypothesis_of(one.kind).side == "compass"), default=np.inf)
+    turned = min((one.onset for one in best.explained if hypothesis_of(one.kind).device == "compass"), default=np.inf)
     at = np.searchsorted(best.t, reset_times)
     further = np.abs(error[np.minimum(at + 1, len(error) - 1)]) > np.abs(error[np.maximum(at - 1, 0)])
     part = np.searchsorted(reset_times[~(further & (reset_times > turned))], best.t)

@@ -44,7 +44,7 @@ class FaultInterval:
     """A time during which one sensor was off in one way."""
 
     kind: str  # of `estimation.HYPOTHESES`
-    side: str  # whose it is: "imu", "gps", "compass", "barometer"
+    device: str  # whose it is: "imu", "gps", "compass", "barometer"
     start: float  # s, boot clock
     start_sigma: float
     end: float  # s; infinite where it lasts to the end
@@ -116,11 +116,11 @@ def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
         of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         for imu in dict.fromkeys(e.imu for e in of_kind):
             parts = [e for e in of_kind if e.imu == imu]
-            intervals += _intervals_of(parts, kind.side, kind.min_reported, best)
+            intervals += _intervals_of(parts, kind.device, kind.min_reported, best)
     return tuple(sorted(intervals, key=lambda e: e.start))
 
 
-def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
+def _intervals_of(parts: list[Explained], device: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
     last = float(best.t[-1])
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
     share = np.array([_activation(part, grid) for part in parts])
@@ -135,10 +135,10 @@ def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEst
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
         yield FaultInterval(
             cause.kind,
-            side,
+            device,
             cause.onset,
             cause.onset_sigma,
-            _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, side, best),
+            _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, device, best),
             level[peak],
             float(sigma[peak]),
             _rivals(
@@ -149,9 +149,9 @@ def _intervals_of(parts: list[Explained], side: str, least: float, best: BestEst
         )
 
 
-def _end_of(end: float, cause: Explained, side: str, best: BestEstimate) -> float:
+def _end_of(end: float, cause: Explained, device: str, best: BestEstimate) -> float:
     """Of the estimate's own IMU no later than when the readings become those of another one."""
-    own = best.imu.switches if side == "imu" and cause.imu is None else None
+    own = best.imu.switches if device == "imu" and cause.imu is None else None
     left: list[float] = [] if own is None else own.t[own.t > cause.onset + cause.onset_sigma].tolist()
     return min([end, *left])
 
@@ -211,7 +211,7 @@ def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimat
 
 def axis_of(interval: FaultInterval) -> str:
     """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
-    return main_axis(interval.size) if interval.side == "imu" else ""
+    return main_axis(interval.size) if interval.device == "imu" else ""
 
 
 def _size(interval: FaultInterval, best: BestEstimate) -> Size:
@@ -246,24 +246,24 @@ def is_sized(interval: FaultInterval, best: BestEstimate) -> bool:
 def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The interval in numbers."""
     size, sigma, unit = reported_size(interval, best)
-    other, shares = rival(interval), probability_by_side(interval)
+    other, shares = rival(interval), probability_imu_or_aiding(interval)
     return Cause(
         kind=interval.kind,
         side=side,
         onset_s=interval.start,
         end_s=interval.end if np.isfinite(interval.end) else None,
         onset_sigma_s=interval.start_sigma,
-        sensor=interval.kind.split("_")[0] if interval.side == "imu" else interval.side,
+        sensor=interval.kind.split("_")[0] if interval.device == "imu" else interval.device,
         axis=axis_of(interval),
         size=size,
         sigma=sigma,
         unit=unit,
-        probability=likelihoods(interval)[interval.side] if interval.rivals else None,
-        side_probability=shares["imu" if interval.side == "imu" else "aiding"] if interval.rivals else None,
+        probability=likelihoods(interval)[interval.device] if interval.rivals else None,
+        side_probability=shares["imu" if interval.device == "imu" else "aiding"] if interval.rivals else None,
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
         consequences=consequences,
-        imu=imu_at(interval, best, interval.imu) if interval.side == "imu" else None,
+        imu=imu_at(interval, best, interval.imu) if interval.device == "imu" else None,
     )
 
 
@@ -275,7 +275,7 @@ def described(interval: FaultInterval, best: BestEstimate) -> str:
         what = hypothesis_of(interval.kind).phrase(_size(interval, best))
     if interval.imu is not None:
         what = f"IMU {interval.imu}, compared with IMU {imu_at(interval, best, None)}: {what}"
-    elif interval.side == "imu" and best.imu.switches:
+    elif interval.device == "imu" and best.imu.switches:
         what = f"IMU {imu_at(interval, best, None)}: {what}"
     since = f"from {interval.start:.1f} ± {interval.start_sigma:.1f} s"
     if interval.start - interval.start_sigma < best.t[0]:  # it may have been there from the beginning
@@ -288,7 +288,7 @@ def likelihoods(interval: FaultInterval) -> dict[str, float]:
     return probabilities(interval.rivals)
 
 
-def probability_by_side(interval: FaultInterval) -> dict[str, float]:
+def probability_imu_or_aiding(interval: FaultInterval) -> dict[str, float]:
     """ "imu", "aiding" (any sensor beside it), "nobody" → the probability that it has the fault."""
     shares = likelihoods(interval)
     imu, nobody = shares["imu"], shares["nobody"]
@@ -297,7 +297,7 @@ def probability_by_side(interval: FaultInterval) -> dict[str, float]:
 
 def probability_by_imu(interval: FaultInterval, best: BestEstimate) -> dict[int, float]:
     """IMU → the probability that it is the one with the fault, if an IMU has it; the likeliest first."""
-    odds = [one for one in interval.rivals if hypothesis_of(one.kind).side == "imu"]
+    odds = [one for one in interval.rivals if hypothesis_of(one.kind).device == "imu"]
     share = np.exp([one.fault_log_odds - max(other.fault_log_odds for other in odds) for one in odds])
     out: dict[int, float] = {}
     for one, part in zip(odds, share / share.sum(), strict=True):
@@ -318,7 +318,7 @@ def rival(interval: FaultInterval) -> tuple[str, float] | None:
     share /= share.sum()
     named: dict[str, float] = {}
     for one, part in zip(interval.rivals, share[1:], strict=True):
-        if hypothesis_of(one.kind).side != interval.side:
+        if hypothesis_of(one.kind).device != interval.device:
             named[one.kind] = named.get(one.kind, 0.0) + float(part)
     return max(named.items(), key=lambda pair: pair[1]) if named else None
 

@@ -268,7 +268,7 @@ def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | No
 def _named(finding: Finding, best: BestEstimate | None) -> Finding:
     """The finding; where it is not known yet which IMU it is, without the name of one."""
     interval, cause = _interval(finding, best), finding.cause
-    if interval is None or best is None or cause is None or interval.side != "imu":
+    if interval is None or best is None or cause is None or interval.device != "imu":
         return finding
     shares = probability_by_imu(interval, best)
     if next(iter(shares.values()), 1.0) >= priors.ACCUSED or cause.sensor not in BIAS_UNITS:

@@ -31,7 +31,7 @@ def confusion_part(best: BestEstimate | None) -> Document | None:
     faults = [
         {
             "kind": row.kind,
-            "side": hypothesis_of(row.kind).side,
+            "side": hypothesis_of(row.kind).device,
             "shape": row.shape,
             "lasts_s": row.lasts or None,
             "unit": hypothesis_of(row.kind).unit,

@@ -157,7 +157,7 @@ def _explained(one: Explained) -> Document:
     kind = hypothesis_of(one.kind)
     return {
         "kind": one.kind,
-        "side": kind.side,
+        "side": kind.device,
         "shape": one.shape,
         "onset_s": one.onset,
         "onset_sigma_s": one.onset_sigma,

@@ -65,7 +65,7 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     for one in best.explained:
         # else an axis that is read wrongly looks like it
         began = one.onset - num.ONSET_SIGMAS * one.onset_sigma > best.t[0]
-        if began and hypothesis_of(one.kind).side == "imu":
+        if began and hypothesis_of(one.kind).device == "imu":
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < num.AXIS_MIN_INTERVALS:
         plain[:] = True

@@ -54,7 +54,7 @@ class Candidate:
     @property
     def error(self) -> Error | None:
         """The same as an error of an IMU; None of another sensor."""
-        if self.hypothesis.side != "imu":
+        if self.hypothesis.device != "imu":
             return None
         hypothesis = self.hypothesis
         return Error(hypothesis.sensor, hypothesis.error, hypothesis.prior, self.shape, self.onset, self.end, self.axis)

@@ -242,11 +242,11 @@ def least_found(
 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
-    """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
+    """Device → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
     odds = np.array([one.log_odds for one in rivals])
     faults = np.array([one.fault for one in rivals])
     each = probabilities_of_each([hypothesis_of(one.kind) for one in rivals], odds, faults)
-    return {side: float(share) for side, share in each.items()}
+    return {device: float(share) for device, share in each.items()}
 
 
 def probabilities_of_each(hypotheses: Sequence[Hypothesis], log_odds: Array, fault: Array) -> dict[str, Array]:
@@ -254,9 +254,9 @@ def probabilities_of_each(hypotheses: Sequence[Hypothesis], log_odds: Array, fau
     odds = np.concatenate([np.zeros((1, *log_odds.shape[1:])), log_odds])
     posterior = np.exp(odds - _log_sum(odds, axis=0))[1:] * fault
     shares = {
-        side: np.zeros(log_odds.shape[1:]) for side in ("nobody", *(hypothesis.side for hypothesis in HYPOTHESES))
+        device: np.zeros(log_odds.shape[1:]) for device in ("nobody", *(hypothesis.device for hypothesis in HYPOTHESES))
     }
     for hypothesis, part in zip(hypotheses, posterior, strict=True):
-        shares[hypothesis.side] = shares[hypothesis.side] + part
+        shares[hypothesis.device] = shares[hypothesis.device] + part
     shares["nobody"] = np.maximum(1.0 - sum(shares.values()), 0.0)
-    return {side: np.minimum(share, 1.0) for side, share in shares.items()}  # rounding
+    return {device: np.minimum(share, 1.0) for device, share in shares.items()}  # rounding

@@ -146,7 +146,7 @@ class Hypothesis:
     about: str  # in words
     phrase: Phrase  # how one of a certain size is said
     advice: str
-    side: str  # whose it is: "imu", or the device of an aiding sensor
+    device: str  # whose it is: "imu", "gps", "compass", "barometer"
     unit: str
     shapes: tuple[str, ...]
     prior: float  # 1σ of a size that may occur, in the unit; of a ramp reached within the flight
@@ -179,7 +179,7 @@ class Hypothesis:
 
     def rate_of(self, shape: str) -> float:
         """Faults an hour of one of its shapes: an IMU that is off hardly ever recovers by itself."""
-        if self.side != "imu":
+        if self.device != "imu":
             return self.rate / len(self.shapes)
         return self.rate * (priors.RECOVERING_SHARE if shape == "pulse" else 1.0)
 
@@ -310,90 +310,90 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          by_axes("gyro", "bias", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
-         side="imu", unit="rad/s", shapes=("step", "ramp", "pulse"), prior=0.03, min_reported=3e-3,
+         device="imu", unit="rad/s", shapes=("step", "ramp", "pulse"), prior=0.03, min_reported=3e-3,
          signature=_bias(GYRO_BIAS, "rest_rate"), min_between_imus=8e-3, fault_threshold=5e-3,
          rate=1e-3),
     Hypothesis("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
          by_axes("accelerometer", "bias", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
-         side="imu", unit="m/s²", shapes=("step", "ramp", "pulse"), prior=1.0, min_reported=0.15,
+         device="imu", unit="m/s²", shapes=("step", "ramp", "pulse"), prior=1.0, min_reported=0.15,
          signature=_bias(ACCEL_BIAS), needs="gps_position", min_between_imus=0.4, fault_threshold=0.2,
          rate=1e-3),
     Hypothesis("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "scale error", "%", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
-         side="imu", unit="", shapes=("step", "pulse"), prior=0.3, min_reported=0.02,
+         device="imu", unit="", shapes=("step", "pulse"), prior=0.3, min_reported=0.02,
          signature=_scale(GYRO_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
          max_plausible=num.MAX_SCALE),
     Hypothesis("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "scale error", "%", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
-         side="imu", unit="", shapes=("step", "pulse"), prior=0.1, min_reported=0.02,
+         device="imu", unit="", shapes=("step", "pulse"), prior=0.1, min_reported=0.02,
          signature=_scale(ACCEL_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
          max_plausible=num.MAX_SCALE),
     Hypothesis("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
-         side="imu", unit="rad", shapes=("shock",), prior=0.3, min_reported=0.035,
+         device="imu", unit="rad", shapes=("shock",), prior=0.3, min_reported=0.035,
          signature=_shock(ATTITUDE), fault_threshold=np.inf, rate=1.0),
     Hypothesis("accel_shock", "the accelerometer misses a push, all at once",
          by_number("the accelerometer misses a push of {:.1f} ± {:.1f} m/s"),
          _LOOK_AT_THE_MOUNTING,
-         side="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5,
+         device="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5,
          signature=_shock(VELOCITY), needs="gps_position", fault_threshold=np.inf, rate=1.0),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Hypothesis("gps_position", "the GPS position jumps, creeps or is off for a time",
          by_length("the GPS position", "m"),
          "Look at the antenna's view of the sky, its cable and at interference; a receiver of a second band helps.",
-         side="gps", unit="m", shapes=("step", "ramp", "pulse", "creep"), prior=50.0, min_reported=6.0,
+         device="gps", unit="m", shapes=("step", "ramp", "pulse", "creep"), prior=50.0, min_reported=6.0,
          signature=_shift("gps_position"), min_reported_slow=11.0, rate=0.3),
     Hypothesis("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
-         side="gps", unit="m", shapes=("step", "ramp", "pulse"), prior=50.0, min_reported=5.0,
+         device="gps", unit="m", shapes=("step", "ramp", "pulse"), prior=50.0, min_reported=5.0,
          signature=_shift("gps_height"), min_reported_slow=harm.CREEP_M, rate=1.0),
     Hypothesis("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
-         side="gps", unit="m/s", shapes=("step", "pulse"), prior=3.0, min_reported=0.5,
+         device="gps", unit="m/s", shapes=("step", "pulse"), prior=3.0, min_reported=0.5,
          signature=_motion, needs="gps_position", rate=0.01,
          integrated=("gps_position",)),
     Hypothesis("gps_velocity", "the GPS velocity is off",
          by_length("the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
-         side="gps", unit="m/s", shapes=("step", "ramp", "pulse"), prior=5.0, min_reported=0.5,
+         device="gps", unit="m/s", shapes=("step", "ramp", "pulse"), prior=5.0, min_reported=0.5,
          signature=_shift("gps_velocity"), rate=0.3),
     Hypothesis("gps_latency", "the GPS comes later than before",
          by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
-         side="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15,
+         device="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15,
          signature=_late, needs="gps_position", time_shifts=_GPS, rate=0.01),
     Hypothesis("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
-         side="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
+         device="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
          signature=_field, rate=0.3),
     Hypothesis("compass_turn", "the compass turns in its mounting",
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
-         side="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
+         device="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
          signature=_rotation, rate=0.01),
     Hypothesis("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
-         side="compass", unit="µT", shapes=("step", "pulse"), prior=30.0, min_reported=healthy.USUAL_IRON,
+         device="compass", unit="µT", shapes=("step", "pulse"), prior=30.0, min_reported=healthy.USUAL_IRON,
          signature=_shift("compass"), rate=0.1),
     *(Hypothesis(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
            "Shield it from wind and light.",
-           side=sensor.device, unit="m", shapes=("step", "ramp", "pulse"), prior=20.0, min_reported=4.0,
+           device=sensor.device, unit="m", shapes=("step", "ramp", "pulse"), prior=20.0, min_reported=4.0,
            signature=_shift(name), min_reported_slow=harm.CREEP_M, rate=1.0)
       for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 
-AIDING = tuple(dict.fromkeys(hypothesis.side for hypothesis in HYPOTHESES if hypothesis.side != "imu"))
-"""The sides beside the IMU."""
+AIDING = tuple(dict.fromkeys(hypothesis.device for hypothesis in HYPOTHESES if hypothesis.device != "imu"))
+"""The devices beside the IMU."""
 
 
 def hypothesis_of(name: str) -> Hypothesis:

@@ -2,8 +2,8 @@
 
 Data sets are drawn with the noise that the linear problem states and a fault in them, r ~ N(S u, R), and weighed as the
 search does. All scores are linear in r, so one solution for the noise and one for each fault of size one serve every
-size. The minimal identifiable bias is the size whose side is accused in 95 % of the data sets (P. J. G. Teunissen 2018;
-S. Zaminpardaz, P. J. G. Teunissen 2019). What an undetected fault does to the states, dx = (J' W J)⁻¹ J' W S u, is the
+size. The minimal identifiable bias is the size whose device is accused in 95 % of the data sets (Teunissen 2018;
+Zaminpardaz & Teunissen 2019). What an undetected fault does to the states, dx = (J' W J)⁻¹ J' W S u, is the
 external reliability (W. Baarda 1968).
 
 Also here: data sets of a linear problem: noise as it states it, and faults of size one, at known times.
@@ -116,7 +116,7 @@ class Fault:
     def _apart(self, other: Differences) -> dict[str, Array]:
         """(B, 3, O) by sensor: what another IMU reads more than the one with the fault."""
         apart = {name: np.zeros((len(other.t), 3, len(self.onset))) for name in other.value}
-        if self.hypothesis.side == "imu":
+        if self.hypothesis.device == "imu":
             columns = other.columns(self.hypothesis.sensor, self.hypothesis.error, self.shape, self.onset, self.end)
             apart[self.hypothesis.sensor] = -columns.transpose(2, 0, 1) * self.direction[:, None]
         return apart
@@ -157,7 +157,7 @@ def injected(
 
 def _least_known(hypothesis: Hypothesis, v: Array) -> tuple[Array, float]:
     """The direction (m,) of which information V (m, m) tells least, and how much: of an IMU one of its axes."""
-    if hypothesis.side != "imu":
+    if hypothesis.device != "imu":
         values, vectors = np.linalg.eigh(v)
         return vectors[:, 0], float(max(values[0], 0.0))
     own = np.diagonal(v)
@@ -239,7 +239,7 @@ class Judgement:
     """What data sets are called."""
 
     called: Mapping[str, float]  # kind, "cannot tell", "nobody" → share
-    accused: float  # share in which the side of the fault is accused
+    accused: float  # share in which the device of the fault is accused
     counts: Sequence[npt.NDArray[np.bool_]]  # of every hypothesis (T,): the times that count in any data set
 
 
@@ -307,7 +307,7 @@ class Experiment:
         called = Counter(_called(hypotheses, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
         return Judgement(
             {name: count / self.draws for name, count in called.most_common()},
-            float((shares[hypothesis.side] >= priors.ACCUSED).mean()),
+            float((shares[hypothesis.device] >= priors.ACCUSED).mean()),
             counts,
         )
 
@@ -320,21 +320,21 @@ def _counts(one: Trial, best: Array) -> npt.NDArray[np.bool_]:
 def _called(
     hypotheses: Sequence[Hypothesis], fault_odds: Array, shares: Mapping[str, Array], either: Mapping[str, Array]
 ) -> list[str]:
-    """What each data set is called, from the log odds (H, D) of faults by hypothesis and the probability by side.
+    """What each data set is called, from the log odds (H, D) of faults by hypothesis and the probability by device.
 
-    either: the probability by side, whether or not it is harmful.
+    either: the probability by device, whether or not it is harmful.
     """
     names = []
     for i in range(fault_odds.shape[1]):
-        by_side, of_any = ({side: float(share[i]) for side, share in one.items()} for one in (shares, either))
-        side, likely = max(by_side.items(), key=lambda pair: pair[1])
-        if likely >= priors.ACCUSED and side != _NOBODY:
-            own = [h for h, one in enumerate(hypotheses) if one.side == side]
+        by_device, of_any = ({device: float(share[i]) for device, share in one.items()} for one in (shares, either))
+        device, likely = max(by_device.items(), key=lambda pair: pair[1])
+        if likely >= priors.ACCUSED and device != _NOBODY:
+            own = [h for h, one in enumerate(hypotheses) if one.device == device]
             names.append(hypotheses[max(own, key=lambda h: fault_odds[h, i])].name)
         elif likely >= priors.ACCUSED:
             names.append(_NOBODY)
         else:
-            known = max(share for side, share in of_any.items() if side != _NOBODY) >= priors.ACCUSED
+            known = max(share for device, share in of_any.items() if device != _NOBODY) >= priors.ACCUSED
             names.append(_IN_DOUBT if known else _CANNOT_TELL)
     return names
 
@@ -370,7 +370,7 @@ def _exact(
     problem: Problem, solution: Solution, hypothesis: Hypothesis, shape: str, faults: Sequence[Fault], width: float
 ) -> Cells | None:
     """A hypothesis at the very times of faults; None of what is tried at every keyframe, and of what tells nothing."""
-    at_every_keyframe = hypothesis.side == "imu" and hypothesis.error != "scale" and shape in ("step", "shock")
+    at_every_keyframe = hypothesis.device == "imu" and hypothesis.error != "scale" and shape in ("step", "shock")
     if at_every_keyframe or not hypothesis.has_aiding(problem):
         return None
     ends = shape in ENDING

@@ -254,7 +254,7 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     """
     track, t = setup.imu, before.t
     seen = np.flatnonzero((t >= track.t[0]) & (t <= track.t[-1]))
-    bent = any(hypothesis_of(one.kind).side == "imu" for one in before.explained)
+    bent = any(hypothesis_of(one.kind).device == "imu" for one in before.explained)
     if before.imu.source != track.source or not len(seen) or bent or before.contradicted:
         return None
     k = seen[np.clip(np.searchsorted(t[seen], setup.t, side="right") - 1, 0, len(seen) - 1)]

@@ -157,7 +157,7 @@ class Identifiability:
 class ConfusionMatrix:
     """What faults are called in a flight.
 
-    A kind where its side is accused; "nobody" where none is at fault; "perhaps harmless" where one side is known to be
+    A kind where its device is accused; "nobody" where none is at fault; "perhaps harmless" where one is known to be
     off, but not whether by enough to be a fault; else "cannot tell".
     """
 

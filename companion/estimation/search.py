@@ -87,14 +87,14 @@ def times_of_change(t: Array) -> tuple[float, float]:
 def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypothesis, shape: str) -> Trial | None:
     """A kind and shape at the cuts of the grid, and where its readings step."""
     parts = [on_cuts(problem, solution, grid, hypothesis, shape)]
-    if hypothesis.has_aiding(problem) and hypothesis.side != "imu" and shape in ("step", "pulse"):
+    if hypothesis.has_aiding(problem) and hypothesis.device != "imu" and shape in ("step", "pulse"):
         first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
         sudden = np.sort(
             velocity_impulses(problem, solution) if hypothesis.integrated else jumps(problem, solution, hypothesis)
         )
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
-        lasts = end - begin >= num.PULSE_MIN_S[hypothesis.side]
+        lasts = end - begin >= num.PULSE_MIN_S[hypothesis.device]
         width = np.full(int(lasts.sum()), float(np.median(np.diff(problem.t))))
         parts.append(at_times(problem, solution, hypothesis, shape, begin[lasts], end[lasts], width, width))
     weighed = [one.weighed(problem) for one in parts if one is not None]
@@ -124,7 +124,7 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypoth
     begin, end = inside, None
     if shape in ENDING:
         begin, end = _pairs(inside)
-        lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[hypothesis.side]
+        lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[hypothesis.device]
         begin, end = begin[lasts], end[lasts]
     return _cells(problem, grid, hypothesis, shape, begin, end)
 
@@ -177,7 +177,7 @@ def _scored(
     """With what the other IMUs tell of it too."""
     rougher = problem.rougher.get(hypothesis.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
-    if hypothesis.side == "imu" and problem.others:
+    if hypothesis.device == "imu" and problem.others:
         gradient, information = score_of_own(
             problem.others, hypothesis.sensor, hypothesis.error, shape, times[0], times[1]
         )
@@ -243,7 +243,7 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
         if np.isfinite(final):
             onset, end = (x.ravel() for x in np.meshgrid(begin + shift, final + shift))
             near &= np.abs(one.end - final) <= reach
-        right = (onset >= first) & (onset <= last) & (end > onset + num.PULSE_MIN_S[one.hypothesis.side])
+        right = (onset >= first) & (onset <= last) & (end > onset + num.PULSE_MIN_S[one.hypothesis.device])
         right &= ~np.isfinite(end) | (end <= last)
         if not right.any():
             return one

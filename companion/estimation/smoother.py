@@ -254,7 +254,7 @@ def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], C
     chosen: dict[bool, Candidate] = {}
     for one in weighed:
         if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
-            chosen.setdefault(one.hypothesis.side == "imu", Candidate.of_trial(one))
+            chosen.setdefault(one.hypothesis.device == "imu", Candidate.of_trial(one))
     return {candidate.name: candidate for candidate in chosen.values()}
 
 
@@ -262,7 +262,7 @@ def _doubted_noise(
     setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Candidate], shown: tuple[float, float]
 ) -> Iterator[dict[str, tuple[float, float]]]:
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
-    if settled.noise.contradicts(shown) and not any(one.hypothesis.side == "imu" for one in accepted):
+    if settled.noise.contradicts(shown) and not any(one.hypothesis.device == "imu" for one in accepted):
         yield limits_trusting_imu(noise_limits(setup), shown)
     if settled.noise.gyro_wanders:
         yield noise_limits(setup) | {"gyro_walk": (FIRST_NOISE.gyro_walk, FIRST_NOISE.gyro_walk)}

@@ -601,7 +601,7 @@ def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
         assert kind.about
         assert kind.advice.endswith(".")
     assert set(CAUSES) >= {kind.name for kind in HYPOTHESES}
-    assert all(kind.fault_threshold == 0 or kind.side == "imu" for kind in HYPOTHESES)
+    assert all(kind.fault_threshold == 0 or kind.device == "imu" for kind in HYPOTHESES)
 
 
 def test_a_single_number_keeps_its_sign() -> None:
@@ -626,7 +626,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
 def weighed(kind: str, size: Array, *rivals: tuple[str, float, float]) -> FaultInterval:
     """Of a minute's middle; rivals: kind, weight beside a nothing of 1e-6, probability that it is harmful."""
     odds = (Rival(name, "step", float(np.log(1e6 * weight)), fault) for name, weight, fault in rivals)
-    return FaultInterval(kind, hypothesis_of(kind).side, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
+    return FaultInterval(kind, hypothesis_of(kind).device, ONSET, 0.1, np.inf, size, 1e-3, tuple(odds))
 
 
 BIAS, AWAY = np.array([0.0, 0.0, 0.08]), np.array([30.0, 0.0])

@@ -53,7 +53,7 @@ def test_the_cause_in_numbers(capsys: Captured) -> None:
     assert cause["size"] == pytest.approx(18.9e-3, abs=3e-3)
     assert cause["onset_s"] == pytest.approx(57.3, abs=3.0)
     assert 0.95 <= cause["probability"] <= 1.0
-    assert cause["rival"] in {kind.name for kind in HYPOTHESES if kind.side != "imu"}
+    assert cause["rival"] in {kind.name for kind in HYPOTHESES if kind.device != "imu"}
     assert cause["rival_probability"] <= 1.0 - cause["probability"]
     assert verdict["detectable"].keys() == {"gyro_bias", "accel_bias", "tilt", "heading", "position", "gps", "compass"}
     assert verdict["not_judged"] == []

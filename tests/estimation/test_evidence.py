@@ -81,7 +81,7 @@ def test_probabilities_are_those_of_exclusive_hypotheses() -> None:
     assert found["imu"] == pytest.approx(0.70)
     assert found["compass"] == pytest.approx(0.29)
     assert found["nobody"] == pytest.approx(0.01)
-    assert set(found) == {"nobody", *(kind.side for kind in HYPOTHESES)}
+    assert set(found) == {"nobody", *(kind.device for kind in HYPOTHESES)}
 
 
 def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:

@@ -118,7 +118,7 @@ def test_an_injected_fault_is_found(fault: str) -> None:
         assert one.place is not None
         np.testing.assert_allclose(np.sqrt(np.diagonal(together)[one.place]), one.sigma)
     assert largest.kind == kind
-    assert probabilities(largest.rivals)[hypothesis_of(kind).side] > ACCUSED
+    assert probabilities(largest.rivals)[hypothesis_of(kind).device] > ACCUSED
     all_of_it = np.sum([one.size for one in explained if (one.kind, one.shape) == (kind, largest.shape)], axis=0)
     assert np.linalg.norm(all_of_it) == pytest.approx(size, rel=0.25)
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
@@ -165,7 +165,7 @@ def test_what_would_have_shown_is_accused(share: float, told: bool) -> None:
     turned = replace(flight, compasses=(replace(compass, field=field),))
     for kind, wrong in (("gps_position", away), ("compass_field", turned)):
         explained = [one for one in smooth(wrong).explained if one.kind == kind]
-        sure = (probabilities(one.rivals)[hypothesis_of(kind).side] for one in explained)
+        sure = (probabilities(one.rivals)[hypothesis_of(kind).device] for one in explained)
         assert (max(sure, default=0.0) >= ACCUSED) == told
 
 
@@ -184,7 +184,7 @@ def test_a_compass_that_turns_has_its_axis() -> None:
 @pytest.mark.parametrize("fault", ["gyro step", "accelerometer step", "gps creep", "gps jump", "gps motion"])
 def test_the_other_side_is_not_accused(fault: str) -> None:
     _, kind, _ = FAULTS[fault]
-    side = hypothesis_of(kind).side
+    side = hypothesis_of(kind).device
     for one in found_in(fault).explained:
         shares = probabilities(one.rivals)
         assert max(share for name, share in shares.items() if name not in (side, "nobody")) < 1.0 - ACCUSED

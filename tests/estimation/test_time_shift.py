@@ -89,7 +89,7 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
     assert found[0].kind == faulty
     if faulty == "gps_latency":
         assert found[0].size[0] == pytest.approx(1.0, abs=0.05)
-    assert probabilities(found[0].rivals)[hypothesis_of(faulty).side] > ACCUSED
+    assert probabilities(found[0].rivals)[hypothesis_of(faulty).device] > ACCUSED
 
 
 @pytest.mark.slow
