@@ -286,7 +286,7 @@ _NOT_CONVERGED = Doubt(
 
 def _either(why: str, would_tell: str) -> Doubt:
     """Where nothing but how often they fail tells the estimator from the IMU."""
-    return Doubt(f"{why}: it cannot be told which of the two is wrong", would_tell, "IMU")
+    return Doubt(f"{why} it cannot be told which of the two is wrong", would_tell, "IMU")
 
 
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
@@ -303,9 +303,9 @@ def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: 
     by_gyro = deviation.quantity not in _MEASURED
     if best.noise.gyro_wanders and by_gyro:
         wanders = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
-        yield _either(f"the gyro's bias wanders by {wanders:.1f} mrad/s in a minute (1σ)", _FASTER)
+        yield _either(f"the gyro's bias wanders by {wanders:.1f} mrad/s in a minute (1σ):", _FASTER)
     if deviation.start >= imu_agrees_from:
-        yield _either("the IMU moved as the autopilot says", _ANOTHER)
+        yield _either("the IMU moved as the autopilot says:", _ANOTHER)
     faults = (one.kind.split("_")[0] for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     if by_gyro and (sensor := next((SENSOR_WORDS[one] for one in faults if one in SENSOR_WORDS), "")):
         why = f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, error_probability
+from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation
 from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import (
@@ -204,12 +204,10 @@ def called_and_possible(
     possible: list[EstimatorDeviation] = []
     for name, (value, sigma, known) in off.items():
         both = np.hypot(sigma, healthy.AP_SIGMA[name])
-        harmful = (value > np.maximum(_LEAST[name], num.Z_95 * both)) & (
-            error_probability(name, value, both) > 1.0 - priors.ACCUSED
-        )
-        if own := _lasting(best, reference, name, value, both, known & (value > least_deviation(name, sigma))):
+        beyond = known & (value > np.maximum(_LEAST[name], num.Z_95 * both))
+        if own := _lasting(best, reference, name, value, both, known, beyond & (value > least_deviation(name, sigma))):
             called += own
-        elif some := _lasting(best, reference, name, value, both, known & harmful):
+        elif some := _lasting(best, reference, name, value, both, known, beyond):
             likeliest = max(some, key=lambda one: one.probability)
             lasts = (best.t >= likeliest.start) & (best.t <= likeliest.end)  # its peak is the largest of many by chance
             size, own_sigma = float(np.median(value[lasts])), float(np.median(both[lasts]))
@@ -218,18 +216,31 @@ def called_and_possible(
 
 
 def _lasting(
-    best: BestEstimate, reference: Reference, name: str, value: Array, sigma: Array, where: BoolArray
+    best: BestEstimate,
+    reference: Reference,
+    name: str,
+    value: Array,
+    sigma: Array,
+    judged: BoolArray,
+    where: BoolArray,
 ) -> list[EstimatorDeviation]:
-    """Each stretch of keyframes (K,) that lasts; one that begins with a step need not last as long as what grows."""
+    """Each stretch of keyframes (K,) that lasts and may be an error; one that begins with a step need not last as long.
+
+    judged: (K,) where chance might have made one.
+    """
     out, t = [], best.t
+    in_all = float(np.diff(t)[judged[1:]].sum())
     for first, last in runs(where):
         before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
         stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
-        if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
-            peak = first + int(np.argmax(value[first : last + 1]))
-            confirmed = _confirmed_by_imu(best, reference, name, value, peak)
-            size, own = float(value[peak]), float(sigma[peak])
-            out.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, confirmed))
+        lasts = float(t[last] - t[first])
+        if lasts < (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
+            continue
+        peak, places = first + int(np.argmax(value[first : last + 1])), max(1.0, in_all / lasts)
+        size, own = float(value[peak]), float(sigma[peak])
+        one = EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, places=places)
+        if one.probability > 1.0 - priors.ACCUSED:
+            out.append(replace(one, imu_confirms=_confirmed_by_imu(best, reference, name, value, peak)))
     return out
 
 

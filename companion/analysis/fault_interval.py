@@ -70,11 +70,18 @@ class EstimatorDeviation:
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
     imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
+    places: float = 1.0  # times that what was judged is as long as it lasts: in so many places chance may do as much
 
     @property
     def probability(self) -> float:
-        """That the estimator is in error."""
-        return float(error_probability(self.quantity, np.array([self.size]), np.array([self.sigma]))[0])
+        """That the estimator is in error: of two normal distributions (Bayes), the time being unknown beforehand.
+
+        One in order is off by sigma.
+        """
+        large = float(np.hypot(self.sigma, harm.AP_ERROR_SIGMA[self.quantity]))
+        odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * self.sigma / large / self.places)
+        odds += 0.5 * self.size**2 * (self.sigma**-2.0 - large**-2.0)
+        return float(1.0 / (1.0 + np.exp(-odds)))
 
     @property
     def or_imu(self) -> tuple[float, float]:
@@ -96,17 +103,6 @@ class EstimatorDeviation:
     def __str__(self) -> str:
         unit, scale = DEVIATION_UNITS[self.quantity]
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
-
-
-def error_probability(quantity: str, size: Array, sigma: Array) -> Array:
-    """(N,) that an estimator which is off by a size is in error, of two normal distributions (Bayes).
-
-    One in order is off by sigma: rad, m/s, m.
-    """
-    large = np.hypot(sigma, harm.AP_ERROR_SIGMA[quantity])
-    odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * sigma / large)
-    odds += 0.5 * size**2 * (sigma**-2.0 - large**-2.0)
-    return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
 
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:

@@ -130,6 +130,18 @@ def test_an_error_of_the_estimator_is_the_likelier_the_further_it_is_off() -> No
     assert EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02).probability > priors.ACCUSED
 
 
+def test_what_is_off_for_a_moment_of_a_long_flight_may_be_chance_where_the_same_throughout_is_not() -> None:
+    """The largest of many independent stretches is large by chance."""
+    shares = [
+        EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02, places=times).probability for times in (1.0, 10.0, 100.0)
+    ]
+    odds = [share / (1.0 - share) for share in shares]
+    assert odds[0] == pytest.approx(10.0 * odds[1])
+    assert odds[1] == pytest.approx(10.0 * odds[2])
+    assert shares[0] > 0.99
+    assert shares[2] < 0.97
+
+
 @pytest.mark.parametrize("size", [0.05, 0.2])
 def test_the_autopilot_has_a_probability_beside_the_sensors(size: float) -> None:
     off = EstimatorDeviation("tilt", 50.0, 60.0, size, 0.02)
