@@ -119,3 +119,5 @@ def test_an_antenna_that_sits_elsewhere_is_named() -> None:
     x, y, _ = (float(v) for v in one.advice.split("(")[1].split(")")[0].split(","))
     assert (x - 0.9, y) == pytest.approx((0.0, 0.0), abs=0.1)
     assert found(away, {"GPS1_POS_X": 0.8, "GPS1_POS_Z": -0.3}, best) == []
+    fast = replace(best, states=replace(best.states, velocity=6.0 * best.states.velocity))
+    assert found(away, {"GPS1_POS_X": 0.0, "INS_POS1_X": 0.1}, fast) == [], "positions 30 ms late would do as much"

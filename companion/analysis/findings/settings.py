@@ -168,7 +168,7 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     low, high = healthy.GPS_DRIVER_DELAY_S if of_driver else (1e-3 * value, 1e-3 * value)
     latency, sigma = float(measured[0][0]), float(measured[1][0])
     off = max(latency - high, low - latency)
-    swift = float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
+    swift = _swift(best)
     if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").min_reported) or off * swift < harm.GPS_DELAY_M:
         return None
     usual = f"0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}"
@@ -179,8 +179,16 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     return "gps_delay", evidence, f"Set {name} to {max(10.0 * round(100.0 * latency), 1.0):.0f} (ms)."
 
 
+def _swift(best: BestEstimate) -> float:
+    """How fast the vehicle was when it was fast, m/s, over ground."""
+    return float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
+
+
 def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
-    """An antenna that sits elsewhere than is set."""
+    """An antenna that sits elsewhere than is set, by more than positions that are later than velocities would make.
+
+    The estimate has one latency of both; at the speed of a fixed wing some hundredths of a second are a lever arm.
+    """
     measured = _well_observed(best, "lever_arm")
     names = next((one for one in _ANTENNA if f"{one[0]}_X" in flight.parameters), None)
     if measured is None or names is None:
@@ -188,7 +196,8 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     antenna, imu = (np.array([flight.parameters.get(f"{n}_{axis}", 0.0) for axis in "XYZ"]) for n in names)
     lever, sigma = measured
     off = lever - (antenna - imu)
-    if not (np.abs(off) > np.maximum(check.LEVER_SIGMAS * sigma, harm.ANTENNA_M)).any():
+    least = max(harm.ANTENNA_M, CONSTANTS["gps_latency"][1] * _swift(best))
+    if not (np.abs(off) > np.maximum(check.LEVER_SIGMAS * sigma, least)).any():
         return None
     evidence = (
         f"the GPS antenna sits ({_digits(lever)}) ± ({_digits(sigma)}) m from the IMU, and "
