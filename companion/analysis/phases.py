@@ -286,7 +286,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
             continue
         first = min([t for t, up in mine if up] + moving[:1])
         last = (end if mine[-1][1] else mine[-1][0]) if mine else moving[-1]
-        if flight.vehicle.type in _ON_THE_GROUND and armed is not None:
+        if flight.vehicle.type in ON_THE_GROUND and armed is not None:
             last = end  # it stops on its way as well
         over = flight.start + flight.duration
         whole = end >= over and last > over - check.HEARTBEAT_S  # the log ends in the air
@@ -294,7 +294,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
     return flown
 
 
-_ON_THE_GROUND = ("GROUND_ROVER", "SURFACE_BOAT")
+ON_THE_GROUND = ("GROUND_ROVER", "SURFACE_BOAT")
 AIRBORNE_REPORTS = ("took off", "in the air", "landed")
 
 

@@ -75,6 +75,14 @@ def test_a_frozen_sensor_is_named_and_its_readings_are_taken_out(name: str) -> N
     assert seen.imus is flight.imus
 
 
+def test_a_receiver_may_hold_its_fix_while_a_rover_stands_but_not_while_it_moves() -> None:
+    flight = gps(flown(LIVELY))
+    rover = replace(flight, vehicle=replace(flight.vehicle, type="GROUND_ROVER"))
+    stands = (replace(rover.gps[0], velocity=np.zeros_like(rover.gps[0].velocity)),)
+    assert [f.kind for f in screened_aiding(rover, rover.imu())[1]] == ["gps_frozen"]
+    assert screened_aiding(replace(rover, gps=stands), rover.imu())[1] == []
+
+
 def test_sensors_in_order_are_not_frozen() -> None:
     for flight in (flown(LIVELY), flown(CIRCLE), c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]):
         seen, found = screened_aiding(flight, flight.imu())

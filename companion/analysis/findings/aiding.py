@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from companion.analysis.finding import Finding, grouped, standing_still
-from companion.analysis.phases import in_the_air
+from companion.analysis.phases import ON_THE_GROUND, in_the_air
 from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm, healthy, priors
 from companion.model import (
@@ -111,15 +111,19 @@ def _gps(track: GpsTrack) -> _Sensor:
 def _frozen(
     sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack | None, track: _Track
 ) -> Iterator[tuple[int, int]]:
-    """First and last reading of the stretches in flight in which a sensor is frozen."""
+    """First and last reading of the stretches in flight in which a sensor is frozen.
+
+    Of a vehicle on the ground a receiver may hold its fix while it stands (u-blox: static hold).
+    """
     t = sensor.t
+    holds = sensor.kind == "gps" and flight.vehicle.type in ON_THE_GROUND
     for begin, end in aloft:
         i, j = (int(at) for at in np.searchsorted(t, (begin, end)))
         same = sensor.same[i : max(j - 1, i)]
         for a, b in standing_still(same, t[i:], healthy.EKF_UNFED_S):
             p = _share(np.delete(same, slice(a, b)))
             by_chance = np.log(len(same)) + (b - a) * np.log(p) >= np.log(priors.FALSE_ALARM)
-            no_chance = p < check.REPEATS_SELDOM and not by_chance
+            no_chance = p < check.REPEATS_SELDOM and not by_chance and not holds
             if no_chance or _should_have_changed(sensor.kind, track, slice(i + a, i + b + 1), flight, imu):
                 yield i + a, i + b
 
