@@ -19,6 +19,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
 from companion.analysis.finding import Cause, Finding
+from companion.analysis.phases import flown, phases
 from companion.analysis.reference import IntArray, InterpolationError, Reference, States
 from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import BestEstimate, Explained, at_rest, hypothesis_of, in_blocks, times_of_change
@@ -194,17 +195,18 @@ def _weighed(
 
 
 def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
-    """What every IMU reads too much while the vehicle lies still for the first time.
+    """What every IMU reads too much while the vehicle lies still before it first takes off.
 
     A gyro at rest reads its error, but for a turn about the vertical, of which gravity tells nothing. Of an
     accelerometer gravity tells the length alone: its error along that.
     """
+    take_off = min((begin for begin, _ in flown(phases(flight))), default=np.inf)
     imus: list[tuple[int, str]] = []
     gyro, accel = [], []  # what each reads too much, and its 1σ
     for track in flight.each_imu(num.REST_READ_MIN_SAMPLES):
         t = np.arange(track.t[0], track.t[-1], check.REST_BLOCK_S)
         rates, own, still = at_rest(flight, track, t)
-        first = np.flatnonzero(still)[: round(num.REST_READ_MAX_S / check.REST_BLOCK_S)]
+        first = np.flatnonzero(still & (t < take_off))[: round(num.REST_READ_MAX_S / check.REST_BLOCK_S)]
         if len(first) * check.REST_BLOCK_S < check.REST_MIN_S:
             continue
         sample, rates = np.searchsorted(track.t, t[first]), rates[first]

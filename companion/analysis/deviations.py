@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation
+from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, unreported
 from companion.analysis.finding import Finding, runs
 from companion.analysis.phases import flown, judged_at, phases
 from companion.analysis.reference import (
@@ -34,7 +34,17 @@ from companion.estimation import (
     BestEstimate,
     hypothesis_of,
 )
-from companion.model import Array, EstimatorReset, Flight, ImuTrack, NoEstimateError, interpolated, weighted_median
+from companion.model import (
+    Array,
+    EstimatorReset,
+    Flight,
+    ImuTrack,
+    NoEstimateError,
+    Origin,
+    interpolated,
+    radii_of_curvature,
+    weighted_median,
+)
 from companion.strapdown import quaternion
 
 
@@ -270,8 +280,13 @@ def _off(
     which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
-        speed = length((reference.velocity - best.velocity)[:, :2])
-        place = length(moved - at_first(moved, known, which))
+        speed = length(_beyond((reference.velocity - best.velocity)[:, :2], unreported(best, "gps_velocity")))
+        moved = beyond_the_sphere(
+            moved - at_first(moved, known, which),
+            reference.position - at_first(reference.position, known, which),
+            best.origin or flight.origin,
+        )
+        place = length(_beyond(moved, unreported(best, "gps_position")))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         known_velocity, known_position = (best.sigma(block)[:, :2].max(axis=1) for block in (VELOCITY, POSITION))
@@ -341,6 +356,24 @@ def keyframe_at_first(where: BoolArray, which: IntArray) -> IntArray:
         early = _early(where & (which == one))
         first[which == one] = early[len(early) // 2]
     return first
+
+
+def _beyond(error: Array, sensor: Array) -> Array:
+    """(K, 2) an error less as much of what a sensor is off by (K, 2) as leaves least: an estimator may follow it."""
+    share = (error * sensor).sum(axis=1) / np.maximum((sensor**2).sum(axis=1), 1e-300)
+    return np.asarray(error - np.clip(share, 0.0, 1.0)[:, None] * sensor)
+
+
+def beyond_the_sphere(error: Array, position: Array, origin: Origin | None) -> Array:
+    """(K, 2) m, an error north and east less what it is for an estimator that counts degrees on a sphere.
+
+    position: (K, 3) NED, m, how far that says it has gone.
+    """
+    if origin is None:
+        return error
+    shares = [np.zeros(2), *(1.0 - radii_of_curvature(origin.latitude) / radius for radius in healthy.SPHERES)]
+    stretched = np.array([share * position[:, :2] for share in shares])
+    return np.asarray(error - np.clip(error, stretched.min(axis=0), stretched.max(axis=0)))
 
 
 def _beyond_the_compass(error: Array, best: BestEstimate) -> Array:

@@ -175,6 +175,17 @@ def _fault_odds(part: Explained) -> float:
     return max((one.fault_log_odds for one in part.rivals if one.kind == part.kind), default=-np.inf)
 
 
+def unreported(best: BestEstimate, measured: str) -> Array:
+    """(K, 2) NED, m or m/s, what "gps_position" or "gps_velocity" is explained to be off by, less reported faults."""
+    shown = {interval.kind for interval in fault_intervals(best)}
+    off = np.zeros((len(best.t), 2))
+    for part in best.explained:
+        kind = hypothesis_of(part.kind)
+        if part.kind in (measured, "gps_motion") and part.kind not in shown:
+            off += _activation(replace(part, shape=kind.shape_at(measured, part.shape)), best.t)[:, None] * part.size
+    return off
+
+
 def _activation(part: Explained, t: Array) -> Array:
     """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
     if part.shape == "shock":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.deviations import at_first, least_deviation
+from companion.analysis.deviations import at_first, beyond_the_sphere, least_deviation
 from companion.analysis.fault_interval import DEVIATION_UNITS
 from companion.analysis.finding import Finding, are_near, by_severity, runs
 from companion.analysis.findings import autopilot_findings, with_reports
@@ -77,7 +77,9 @@ def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
         return
     own, speed = (interpolated(t, position.t, values) for values in (position.position, position.velocity))
     moved = own - place
-    moved = np.where((known & judged)[:, None], moved - at_first(moved, known & judged, which), np.nan)
+    moved, gone = (values - at_first(values, known & judged, which) for values in (moved, own))
+    moved[:, :2] = beyond_the_sphere(moved[:, :2], gone, flight.origin)
+    moved = np.where((known & judged)[:, None], moved, np.nan)
     swift = length(speed[:, :2])
     pull = np.interp(t, position.t, length(np.gradient(position.velocity[:, :2], position.t, axis=0)))  # m/s²
     sigma = {

@@ -69,6 +69,8 @@ GROUND_M = 1.5  # the ground is within this of the lowest point
 AP_BIAS_MIN_SIGMA = {"gyro": 3e-4, "accel": 0.02}  # rad/s, m/s²
 # quantity → s: what an estimator mends sooner by itself is no deviation
 DEVIATION_S = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
+# m: of the spheres on which autopilots count degrees (ArduPilot's LOCATION_SCALING_FACTOR, PX4's geo.h)
+SPHERES = (6_378_100.0, 6_371_000.0)
 # 1σ of an estimator, by quantity: rad, m/s, m
 AP_SIGMA = {"tilt": radians(0.7), "heading": radians(3.0), "velocity": 0.25, "position": 1.0, "height": 3.0}
 ALIGNS_S = 10.0  # at rest, or in control in the air after tumbling

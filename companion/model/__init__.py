@@ -52,6 +52,7 @@ from companion.model.geodesy import (
     orientation_name,
     orientation_number,
     orientations,
+    radii_of_curvature,
 )
 from companion.model.tracks import (
     GAP_PERIODS,

@@ -101,6 +101,13 @@ def geodetic_from_ned(ned: Array, origin: tuple[float, float, float]) -> Array:
     return np.column_stack([latitude, np.arctan2(y, x), height])
 
 
+def radii_of_curvature(latitude: float) -> Array:
+    """(2,) m, of the ellipsoid at a latitude in rad: along the meridian, and across it (the prime vertical)."""
+    flattened = 1.0 - ECCENTRICITY_SQUARED * float(np.sin(latitude)) ** 2
+    across = SEMI_MAJOR_AXIS / np.sqrt(flattened)
+    return np.array([across * (1.0 - ECCENTRICITY_SQUARED) / flattened, across])
+
+
 def _ecef(latitude: Array | float, longitude: Array | float, height: Array | float) -> Array:
     """Earth-centred, Earth-fixed positions (..., 3), m."""
     sa, ca, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)

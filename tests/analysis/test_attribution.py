@@ -27,7 +27,7 @@ from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained, Rival, Size, hypothesis_of
 from companion.estimation.learned_noise import FIRST_NOISE
-from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
+from companion.model import Array, EstimatorReset, Flight, Origin, PositionTrack, SensorInUse, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.flights import turned
 
@@ -237,6 +237,36 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
     off = 8.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position + off, swift.velocity))
     assert [d.quantity for d in estimator_deviations(other, swift, Limits())] == ["position"] * deviates
+
+
+@pytest.mark.parametrize("radius", [6_378_100.0, 6_371_000.0], ids=["ArduPilot", "PX4"])
+def test_an_autopilot_that_counts_degrees_on_a_sphere_is_in_order(
+    flight: Flight, best: BestEstimate, radius: float
+) -> None:
+    """Near the equator its north is stretched by 0.6 %: 15 m in 2.5 km."""
+    origin = (0.1, 0.5, 0.0)
+    far = 2_500.0 * np.clip((best.t - ONSET) / 20.0, 0.0, 1.0)[:, None] * np.array([0.9, 0.4, 0.0])
+    gone = moving(replace(best, origin=Origin(*origin)), np.zeros_like(far), far)
+    latitude, longitude, _ = geodetic_from_ned(gone.position, origin).T
+    north, east = radius * (latitude - origin[0]), radius * np.cos(origin[0]) * (longitude - origin[1])
+    told = np.column_stack([north, east, gone.position[:, 2]])
+    other = replace(flight, position=PositionTrack(best.t, told, gone.velocity))
+    assert np.abs(told - gone.position).max() > 10.0
+    assert estimator_deviations(other, gone, Limits()) == ()
+    elsewhere = replace(other, position=PositionTrack(best.t, told + 0.01 * far[:, [1, 0, 2]], gone.velocity))
+    assert [d.quantity for d in estimator_deviations(elsewhere, gone, Limits())] == ["position"]
+
+
+def test_an_autopilot_may_follow_a_gps_as_far_as_that_is_explained_to_be_off_and_no_further(
+    flight: Flight, best: BestEstimate
+) -> None:
+    """0.4 m/s is no fault of a GPS, and 10 m after 25 s."""
+    drifts = 0.4 * np.clip(best.t - ONSET, 0.0, 25.0)[:, None] * NORTH
+    known = replace(best, explained=(accepted("gps_motion", 0.4, 0.0, end=ONSET + 25.0),))
+    assert not fault_intervals(known)
+    for times, deviates in ((1.0, False), (0.5, False), (2.5, True), (-1.0, True)):
+        other = replace(flight, position=PositionTrack(best.t, best.position + times * drifts, best.velocity))
+        assert [d.quantity for d in estimator_deviations(other, known, Limits())] == ["position"] * deviates, times
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from companion.analysis.constant_faults import (
 from companion.constants import healthy
 from companion.constants.priors import ACCUSED
 from companion.estimation import BestEstimate, Explained, smooth
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Event, Flight, ImuTrack
 from tests.estimation.sensed import sensed
 
 
@@ -132,6 +132,26 @@ def test_at_rest_gravity_alone_tells_and_no_estimate_is_needed(rate: int) -> Non
     assert min(gyro.probability, accel.probability) > ACCUSED
     fine = replace(flight, imus={imu.source: flight.imu()[:250][::rate]})
     assert all(one.probability < 1.0 - ACCUSED for one in errors_at_rest(fine, 9.80665))
+
+
+def test_what_a_gyro_reads_only_after_the_landing_is_none_of_its_start() -> None:
+    flight = sensed(30.0, rate=50.0)[0]
+    imu = flight.imu()
+    flight = replace(flight, events=(*flight.events, Event(float(imu.t[-1]), "disarmed", "disarmed")))
+    rest, rates = imu[:250], np.array([0.4, 0.0, 0.0])
+    shown = [
+        [error.value[0] for error in errors_at_rest(replace(flight, imus={imu.source: track}, gps=()), 9.80665)]
+        for track in (replace(rest, gyro=rest.gyro + rates), _joined(imu[250:], rest, rates))
+    ]
+    assert shown[0][0] == pytest.approx(0.4, abs=0.02)
+    assert shown[1] == []
+
+
+def _joined(flown: ImuTrack, rest: ImuTrack, rates: Array) -> ImuTrack:
+    """A flight, and after it a rest in which the gyro is off."""
+    t = np.concatenate([flown.t, rest.t - rest.t[0] + flown.t[-1] + 0.02])
+    gyro, accel = np.concatenate([flown.gyro, rest.gyro + rates]), np.concatenate([flown.accel, rest.accel])
+    return ImuTrack(t, gyro, accel, flown.source)
 
 
 def test_a_compass_is_at_fault_since_the_start_beyond_what_a_calibration_leaves() -> None:
