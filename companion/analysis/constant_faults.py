@@ -19,7 +19,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.phases import flown, phases
+from companion.analysis.phases import phases
 from companion.analysis.reference import IntArray, InterpolationError, Reference, States
 from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import BestEstimate, Explained, at_rest, hypothesis_of, in_blocks, times_of_change
@@ -200,7 +200,7 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
     A gyro at rest reads its error, but for a turn about the vertical, of which gravity tells nothing. Of an
     accelerometer gravity tells the length alone: its error along that.
     """
-    take_off = min((begin for begin, _ in flown(phases(flight))), default=np.inf)
+    take_off = min((part.start for part in phases(flight) if part.kind == "flight"), default=np.inf)
     imus: list[tuple[int, str]] = []
     gyro, accel = [], []  # what each reads too much, and its 1σ
     for track in flight.each_imu(num.REST_READ_MIN_SAMPLES):

@@ -325,6 +325,8 @@ def _weighed(
         sure = 0.0 if _comes_again(cause, flight, end) else sure
     elif judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
         sure = _by_its_onset(best, cause)
+        if fault.probability == 1.0:  # it was found by itself in the piece before, which shares most of this one
+            sure = max(sure, num.DOUBTED_ONCE)
     elif measured:
         return _measured(fault, reads(cause, flight, best))
     elif cause.sensor in AIDING and cause.end_s is None:

@@ -68,6 +68,7 @@ AXIS_SIGNAL_SIGMAS = 2.0  # times the noise, learned or of the samples' scatter,
 AXIS_MIN_INTERVALS = 30  # from which on axes are judged
 AXIS_GAIN = 1.3  # times less noise without the suspected axes: what they spoil on the others comes on top
 ONSET_SIGMAS = 2.0  # σ of an onset by which something began in flight: before, it may have been there from the start
+DOUBTED_ONCE = 0.5  # at least, of a live fault that one verdict alone does not find again: they share most data
 AXIS_SPAN_S = 100.0  # of which the worst stretch counts: a wrong axis is wrong all the time
 AXIS_TRIAL_PASSES = 6  # that tell the ways apart: a contradiction is far from convergence then
 ORIENTATION_HALF_RAD = pi / 8.0  # half of the least angle between two of the autopilots' orientations, 45°

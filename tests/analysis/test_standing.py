@@ -86,6 +86,20 @@ def test_a_healthy_flight_has_no_fault_that_stands() -> None:
     assert {said.status for _, said in heard(FLIGHT, PIECES[:3])} == {"consistent"}
 
 
+def test_one_verdict_without_it_does_not_end_an_alarm_and_a_second_does() -> None:
+    """Both share most of their data: what the first explains otherwise the next may find again."""
+    false = alarm("gyro_bias", "imu", 25.0, None, sensor="gyro", axis="z", size=0.01, sigma=1e-3, onset_sigma_s=0.2)
+    standing: tuple[StandingFault, ...] = (StandingFault(false.findings[0], 1.0, 28.0),)
+    said = []
+    for begin, end in ((10.0, 44.0), (12.0, 46.0)):
+        piece = cut(FLIGHT, begin, end)
+        own = assess(piece, GENERIC)
+        standing = carried_on(standing, piece, own.verdict, own.best)
+        said.append(standing_verdict(standing, own.verdict))
+    assert [one.status for one in said] == ["imu_suspect", "consistent"]
+    assert "still there: 50 %" in said[0].summary
+
+
 PIECE = replace(cut(FLIGHT, 10.0, 20.0), gps=(), compasses=(), barometers=())
 GOOD, UNSURE = Verdict("consistent", "all is well", ()), Verdict("insufficient_data", "Cannot tell: too short.", ())
 
