@@ -151,9 +151,8 @@ def _of_interval(
     if harmed:
         worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
         misled = tuple(str(d) for d in worst.values())
-        evidence += f"; the autopilot {'was' if doubt is None else 'would have been'} misled by it: " + ", ".join(
-            misled
-        )
+        followed = "was" if doubt is None else "would have been"
+        evidence += f"; the autopilot {followed} misled by it: {', '.join(misled)}"
     shown_kind = interval.kind
     if doubt is not None and doubt.rival == "cause" and no_fault and harmed:
         shown_kind = f"{consequences[0].quantity}_off"
@@ -232,8 +231,6 @@ def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
 
 
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
-
-
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 
 
