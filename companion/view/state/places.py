@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation import BestEstimate
-from companion.model import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, Array, Flight, Origin, geodetic_from_ned
+from companion.model import Array, Flight, Origin, geodetic_from_ned, radii_of_curvature
 
 _FIX_3D = 3  # GPS_FIX_TYPE
 
@@ -64,9 +64,8 @@ def local_frame(flight: Flight) -> LocalFrame | None:
     zero = np.zeros(3)
     if origin.t is not None:  # the vehicle was there then; it is not the zero itself
         zero = np.array([np.interp(origin.t, positions.t, column) for column in positions.position.T])
-    sine = 1.0 - ECCENTRICITY_SQUARED * np.sin(origin.latitude) ** 2
-    meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / sine**1.5
-    return LocalFrame(origin, zero, np.array([meridian, SEMI_MAJOR_AXIS / np.sqrt(sine) * np.cos(origin.latitude)]))
+    radii = radii_of_curvature(origin.latitude)
+    return LocalFrame(origin, zero, radii * np.array([1.0, np.cos(origin.latitude)]))
 
 
 def home_position(flight: Flight) -> Array | None:
