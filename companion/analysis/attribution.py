@@ -111,7 +111,7 @@ def findings_of(
     may = tuple(e for e in all_intervals if e.device != "imu" or _in_use(e, best, in_use))
     caused = [(d, _cause_among(d, may, best)) for d in deviations]
     by_interval = [_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals]
-    own = [d for d, cause in caused if cause is None]
+    own = [d for d, cause in caused if cause is None and d.may_be_error]
     imu_agrees_from = min((d.start for d in own if d.imu_confirms), default=np.inf)
     return [finding for finding in by_interval if finding is not None] + [_own(d, best, imu_agrees_from) for d in own]
 

@@ -24,7 +24,7 @@ from companion.analysis.reference import (
     reference_at,
     wrapped,
 )
-from companion.constants import check, harm, healthy, num, priors
+from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
     CONSTANTS,
@@ -215,9 +215,11 @@ def called_and_possible(
     for name, (value, sigma, known) in off.items():
         both = np.hypot(sigma, healthy.AP_SIGMA[name])
         beyond = known & (value > np.maximum(_LEAST[name], num.Z_95 * both))
-        if own := _lasting(best, reference, name, value, both, known, beyond & (value > least_deviation(name, sigma))):
-            called += own
-        elif some := _lasting(best, reference, name, value, both, known, beyond):
+        own = _lasting(best, reference, name, value, both, known, known & (value > least_deviation(name, sigma)))
+        called += own
+        if any(one.may_be_error for one in own):
+            continue
+        if some := [one for one in _lasting(best, reference, name, value, both, known, beyond) if one.may_be_error]:
             likeliest = max(some, key=lambda one: one.probability)
             lasts = (best.t >= likeliest.start) & (best.t <= likeliest.end)  # its peak is the largest of many by chance
             size, own_sigma = float(np.median(value[lasts])), float(np.median(both[lasts]))
@@ -234,7 +236,7 @@ def _lasting(
     judged: BoolArray,
     where: BoolArray,
 ) -> list[EstimatorDeviation]:
-    """Each stretch of keyframes (K,) that lasts and may be an error; one that begins with a step need not last as long.
+    """Each stretch of keyframes (K,) that lasts; one that begins with a step need not last as long as what grows.
 
     judged: (K,) where chance might have made one.
     """
@@ -247,10 +249,9 @@ def _lasting(
         if lasts < (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
             continue
         peak, places = first + int(np.argmax(value[first : last + 1])), max(1.0, in_all / lasts)
+        confirmed = _confirmed_by_imu(best, reference, name, value, peak)
         size, own = float(value[peak]), float(sigma[peak])
-        one = EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, places=places)
-        if one.probability > 1.0 - priors.ACCUSED:
-            out.append(replace(one, imu_confirms=_confirmed_by_imu(best, reference, name, value, peak)))
+        out.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, confirmed, places))
     return out
 
 

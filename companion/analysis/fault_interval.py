@@ -84,6 +84,11 @@ class EstimatorDeviation:
         return float(1.0 / (1.0 + np.exp(-odds)))
 
     @property
+    def may_be_error(self) -> bool:
+        """Whether it is more than chance, where nothing else explains it."""
+        return self.probability > 1.0 - priors.ACCUSED
+
+    @property
     def or_imu(self) -> tuple[float, float]:
         """That the estimator is in error, and that an IMU is, where only how often they are tells the two apart."""
         odds = self.probability / max(1.0 - self.probability, 1e-300)

@@ -239,6 +239,16 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
     assert [d.quantity for d in estimator_deviations(other, swift, Limits())] == ["position"] * deviates
 
 
+def test_what_chance_does_in_a_long_flight_is_a_consequence_where_a_fault_comes_before_it(best: BestEstimate) -> None:
+    off = EstimatorDeviation("tilt", ONSET + 2.0, ONSET + 5.0, 0.05, 0.0135, places=300.0)
+    assert not off.may_be_error
+    assert findings_of((), (off,), best) == []
+    biased = replace(best, explained=(step(ONSET, np.inf, 0.02),))
+    (one,) = findings_of(fault_intervals(biased), (off,), biased)
+    assert (one.kind, one.severity) == ("gyro_bias", "error")
+    assert "the autopilot was misled by it: 2.9 ± 0.8° in tilt" in one.evidence
+
+
 @pytest.mark.parametrize("radius", [6_378_100.0, 6_371_000.0], ids=["ArduPilot", "PX4"])
 def test_an_autopilot_that_counts_degrees_on_a_sphere_is_in_order(
     flight: Flight, best: BestEstimate, radius: float
