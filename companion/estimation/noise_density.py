@@ -242,11 +242,12 @@ def _density(power: Array, gain: Array, grid: float) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.quantile(each, num.NOISE_QUANTILE, axis=0) / lower, 0.0)))
 
 
-def aliasing(track: ImuTrack, index: Index) -> dict[str, Aliased]:
+def aliasing(track: ImuTrack, index: Index, gap_s: float) -> dict[str, Aliased]:
     """Kind → what sampling may make of motion that is faster (rad/s, m/s², 1); index: (K,) samples of the keyframes.
 
     A line of vibration at a multiple of the sampling rate beats slowly with it, by up to its own amplitude. None of
     readings that are means over the whole of their interval, or filtered well below the sampling rate.
+    gap_s: sample intervals that are longer than this are gaps.
     """
     how = sampling_of(track)
     averaged = (how.interval_s or 0.0) > num.MEAN_OF_INTERVAL / track.rate_hz
@@ -254,11 +255,32 @@ def aliasing(track: ImuTrack, index: Index) -> dict[str, Aliased]:
         return {}
     out = {}
     for sensor, readings, least in (("gyro", track.gyro, healthy.SCALE_SHOWS_RPS), ("accel", track.accel, 0.0)):
-        scatter = healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
-        out[f"{sensor}_bias"] = Aliased(scatter)
-        of_scale = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
+        beating = _strongest_line(track, readings, gap_s)
+        out[f"{sensor}_bias"] = Aliased(beating)
+        of_scale = beating / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
         out[f"{sensor}_scale"] = Aliased(of_scale, _attenuation(track.t, readings, index, harm.LIVELY[sensor]))
     return out
+
+
+def _strongest_line(track: ImuTrack, readings: Array, gap_s: float) -> float:
+    """Root mean square of the strongest line of vibration in readings (N, 3), all axes together, in their unit.
+
+    In a spectrum over the seconds for which one may keep its sign, what is within one cell is what its mean there would
+    be, were it folded onto zero. Beyond what noise makes: the largest of F exponential variables of mean 1 is
+    1 + 1/2 + ... + 1/F on average. In the upper half of the band, for in the lower it may be the vehicle's own motion;
+    where that is all of it, a part of how the readings scatter.
+    """
+    rate, length = track.rate_hz, max(round(num.BEAT_S * track.rate_hz), 2)
+    f = frequencies(length, rate)
+    inside = f >= max(num.VEHICLE_MOTION_HZ, num.LINES_FROM * rate)
+    begin = segments(track.t, gap_s, length)
+    if f[-1] - num.VEHICLE_MOTION_HZ < num.NOISE_MIN_BAND_HZ or not len(begin):
+        return healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
+    power = periodograms(readings, begin, rate, length)[:, inside]
+    by_chance = (1.0 / np.arange(1, power.shape[1] + 1)).sum() * np.median(power, axis=1) / np.log(2.0)
+    line = np.maximum(power.max(axis=1) - by_chance, 0.0).sum(axis=-1).mean()
+    return float(np.sqrt(num.HANN_BANDWIDTH * rate / length * line))
 
 
 def _attenuation(t: Array, readings: Array, index: Index, least: float) -> float:

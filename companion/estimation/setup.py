@@ -101,7 +101,7 @@ def set_up(
     broken = broken_intervals(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
-    noise, aliased = spectral_noise(track, longest), aliasing(track, index)
+    noise, aliased = spectral_noise(track, longest), aliasing(track, index, longest)
     scattering = relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))

@@ -161,7 +161,7 @@ def test_turns_between_samples_pass_for_no_scale_error(frequency_hz: float) -> N
     fine = np.interp((t[:-1, None] + between / rate).ravel(), t, wander).reshape(len(t) - 1, -1)
     true, lines = np.sin(fine).mean(axis=1), 0.5 * (track.gyro[1:, 0] + track.gyro[:-1, 0])
     missing = 1.0 - true @ lines / (true @ true)
-    stated = aliasing(track, np.arange(len(t)))["gyro_scale"].lasting
+    stated = aliasing(track, np.arange(len(t)), 1.0)["gyro_scale"].lasting
     assert missing < 2.0 * stated + 0.001
 
 
@@ -169,7 +169,17 @@ def test_what_is_sampled_fast_enough_hides_no_scale_error() -> None:
     t = np.arange(0.0, 100.0, 0.01)
     noise = np.random.default_rng(1).normal(0.0, 0.05, len(t))
     track = _turning(t, np.sin(2.0 * np.pi * 1.2 * t) + noise)
-    assert aliasing(track, np.arange(0, len(t), 20))["gyro_scale"].lasting < 0.005
+    assert aliasing(track, np.arange(0, len(t), 20), 1.0)["gyro_scale"].lasting < 0.005
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 100.0, 400.0])
+def test_a_line_of_vibration_may_beat_as_strongly_as_it_is_and_noise_does_not(rate_hz: float) -> None:
+    t = np.arange(0.0, 100.0, 1.0 / rate_hz)
+    noise = np.random.default_rng(1).normal(0.0, 0.05, len(t))
+    line = 0.05 * np.sqrt(2.0) * np.sin(2.0 * np.pi * 135.7 * t)
+    for shaken, least, most in ((noise, 0.0, 0.01), (noise + line, 0.04, 0.055)):
+        stated = aliasing(_turning(t, shaken), np.arange(0, len(t), 20), 1.0)["gyro_bias"].beating
+        assert least <= stated <= most
 
 
 def _turning(t: Array, rate: Array) -> ImuTrack:
