@@ -97,7 +97,7 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
     steps of the readings make flat.
     """
     flat = np.zeros(len(readings), np.bool_)
-    if rate_hz < check.STUCK_RATE_HZ:  # a top between two samples is not seen to be flat
+    if rate_hz < check.TOP_RATE_HZ:
         return flat
     for column in readings.T:
         level = np.abs(column)

@@ -33,9 +33,15 @@ class Sensor:
 
     def __init__(self, track: ImuTrack, name: str) -> None:
         self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
+        self.second = second_of(track)
         self.readings, self.step = read_by(track, name)
         self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
         self.same = unchanged(self.readings)  # (N-1, 3)
+
+
+def second_of(track: ImuTrack) -> float:
+    """How long a track is looked at, at a time: a second; slower ones for as long as it takes to tell, s."""
+    return max(1.0, check.STUCK_SAMPLES / track.rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,8 +90,6 @@ def stuck_findings(
     imus: all of the flight.
     """
     track = comparison.track
-    if track.rate_hz < check.STUCK_RATE_HZ:
-        return
     others = [one for one in imus if one.instance != track.instance]
     same = [one for one in imus if one.instance == track.instance and one.source != track.source]
     for axes in (one for one in _all_axes(track) if one.sensor.name in sensors):
@@ -125,17 +129,18 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
     sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
     first, last = run_edges(axes.same)
     lasted = sensor.t[last + 1] - sensor.t[first]
-    even = np.flatnonzero(lasted > healthy.FROZEN_S)
+    stuck_s = healthy.STUCK_S * sensor.second
+    even = np.flatnonzero(lasted > healthy.FROZEN_S * sensor.second)
     if not len(even):
         return
     change = sensor.change[:, axes.axes].max(axis=1)
     elsewhere = beside(len(change), first[even], last[even])
-    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz)
+    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz * sensor.second)
     if restless and sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
-        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], sensor.rate_hz)
-    quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
+        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], sensor.rate_hz * sensor.second)
+    quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz * sensor.second)
     usual = np.median(axes.beside, axis=0)
-    spreads = _beside_others(axes, others) if sensor.step and (lasted > healthy.STUCK_S).any() else []
+    spreads = _beside_others(axes, others) if sensor.step and (lasted > stuck_s).any() else []
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if gaps[stretch].any():
@@ -148,7 +153,7 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
         if still.max() > check.BESIDE:
             # as a whole, whatever its axes do
             goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE
-            whole = len(axes.axes) == 3 and lasted[i] > healthy.STUCK_S
+            whole = len(axes.axes) == 3 and lasted[i] > stuck_s
             if whole and goes_on and any(_moves_in_seconds(axes, other, stretch) for other in others):
                 yield stretch.start, stretch.stop - 1
             continue
@@ -162,7 +167,7 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
         calm = (np.median(axes.beside[changes], axis=0) < check.STUCK_CALM * usual).any()
         if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
-            if lasted[i] <= healthy.STUCK_S or known[stretch].mean() < check.STUCK_KNOWN:
+            if lasted[i] <= stuck_s or known[stretch].mean() < check.STUCK_KNOWN:
                 continue
             if sensor.step and not _another_moved(others, axes, stretch):
                 continue
@@ -225,19 +230,20 @@ def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
     A bias that warms up takes longer.
     """
     t = axes.sensor.t[stretch]
-    during = (other.t >= t[0]) & (other.t <= t[-1])
-    if other.rate_hz < check.STUCK_RATE_HZ or not during.any():
+    during, second = (other.t >= t[0]) & (other.t <= t[-1]), max(axes.sensor.second, second_of(other))
+    if not during.any():
         return False
     readings, step = read_by(other, axes.sensor.name)
     least = check.SOME_STEPS * max(step, axes.sensor.step)
-    spread = np.array([_spread_by_second(other.t[during], readings[during, axis])[1] for axis in axes.axes])
+    spread = np.array([_spread_by_second(other.t[during], readings[during, axis], second)[1] for axis in axes.axes])
     return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= check.STUCK_MIN_SECONDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seconds:
-    """Whole seconds, and how far an axis of two IMUs moves in each of them."""
+    """Whole seconds, or longer for slow readings, and how far an axis of two IMUs moves in each of them."""
 
+    length: float  # s
     start: Array  # (S,) s, boot clock
     own: Array  # (S,) largest reading minus smallest
     other: Array  # (S,)
@@ -252,22 +258,22 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     if len(axes.axes) > 1:
         return []
     sensor, (axis,) = axes.sensor, axes.axes
-    start, own = _spread_by_second(sensor.t, sensor.readings[:, axis])
     out = []
     for track in others:
-        if track.rate_hz >= check.STUCK_RATE_HZ:
-            readings, step = read_by(track, sensor.name)
-            means = evened(readings[:, axis], check.MOTION_MEAN_S * track.rate_hz / len(track))
-            when, other = _spread_by_second(track.t[len(track) - len(means) :], means)
-            moved = other > check.STEP_ROUNDING * (sensor.step + step)
-            both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
-            out.append(_Seconds(both.astype(np.float64), own[i], other[moved][j]))
+        second = max(sensor.second, second_of(track))
+        start, own = _spread_by_second(sensor.t, sensor.readings[:, axis], second)
+        readings, step = read_by(track, sensor.name)
+        means = evened(readings[:, axis], check.MOTION_MEAN_S * second * track.rate_hz / len(track))
+        when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
+        moved = other > check.STEP_ROUNDING * (sensor.step + step)
+        both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
+        out.append(_Seconds(second, both * second, own[i], other[moved][j]))
     return out
 
 
-def _spread_by_second(t: Array, readings: Array) -> tuple[IntArray, Array]:
+def _spread_by_second(t: Array, readings: Array, second: float) -> tuple[IntArray, Array]:
     """The seconds (S,) in which there are readings (n,), and how far these go from smallest to largest (S,)."""
-    seconds, first = np.unique(np.floor(t).astype(np.intp), return_index=True)
+    seconds, first = np.unique(np.floor(t / second).astype(np.intp), return_index=True)
     return seconds, np.maximum.reduceat(readings, first) - np.minimum.reduceat(readings, first)
 
 
@@ -277,7 +283,7 @@ def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
     The odds are told by the other seconds in which another IMU moves along the axis as it does in the calmer half of
     these: at rest, and where a vehicle turns about other axes alone, this one stands still in most of them.
     """
-    during = (seconds.start >= begin) & (seconds.start + 1.0 <= end)
+    during = (seconds.start >= begin) & (seconds.start + seconds.length <= end)
     if not during.any():
         return False
     moved = seconds.other[during]
@@ -357,7 +363,7 @@ def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> lis
 
 def _read_throughout(other: ImuTrack, missed: _Missed) -> bool:
     t = missed.sensor.t
-    return other.rate_hz >= check.STUCK_RATE_HZ and other.t[0] <= t[missed.first] and other.t[-1] >= t[missed.last]
+    return bool(other.t[0] <= t[missed.first] and other.t[-1] >= t[missed.last])
 
 
 def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
@@ -377,14 +383,14 @@ def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> It
     """
     track = comparison.track
     sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
-    if track.rate_hz < check.STUCK_RATE_HZ or not sensors:
+    if not sensors:
         return
     for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
         if name not in sensors:
             continue
         sensor, missed = Sensor(track, name), moved - read
         for axis in range(3):
-            for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S):
+            for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.second):
                 begin, end = float(track.t[first]), float(track.t[last])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end) & judged[:-1] & judged[1:]
                 few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
