@@ -4,6 +4,7 @@ from math import log
 
 # Evidence and the scan over hypotheses
 NUISANCES_PER_H = 10.0  # of each hypothesis: what healthy parts show, every few minutes
+RAMP_S = 20.0  # what grows takes at least so long to reach its size, as by heat or spoofing: what is sooner is a step
 CANDIDATE = -3.0  # log odds of a fault against nothing, from which on an estimate with it is worth its time
 LIKELY_NUISANCE = 7.0  # log odds from which on a nuisance is one too
 ACCUSED = 0.95  # posterior probability from which on a side is accused

@@ -8,7 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from companion.constants import num
+from companion.constants import num, priors
 from companion.estimation.differences import Differences, Error, score_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.hypotheses import Hypothesis, Problem, Signature
@@ -106,11 +106,11 @@ def with_candidate(problem: Problem, prior: Prior, candidate: Candidate) -> tupl
 
 def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:
     """What is known of a size beforehand, (m,) and its 1σ: by the other IMUs too, of an error of the estimate's own."""
-    reached = grows_for(candidate.shape, np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1]))
+    times = np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1])
+    reached = grows_for(candidate.shape, *times, priors.RAMP_S)
     b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(reached[0])) ** -2.0)
     if (one := candidate.error) is not None and candidate.imu is None and problem.others:
-        times = np.array([one.onset]), np.array([one.end])
-        gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times)
+        gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times[:2])
         b, v = gradient[0], v + np.diagonal(information[0])
         if candidate.axis >= 0:
             b, v = b[candidate.axis : candidate.axis + 1], v[candidate.axis : candidate.axis + 1]

@@ -109,11 +109,11 @@ def harmful(hypothesis: Hypothesis, shape: str, imu: int | None) -> float:
     return hypothesis.harmful(shape) if imu is None else max(hypothesis.harmful(shape), hypothesis.min_between_imus)
 
 
-def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
-    """(T,) s that a size per second grows for, in a flight until `last`; 1 for what is no ramp."""
+def grows_for(shape: str, onset: Array, end: Array, last: float, least: float = 1.0) -> Array:
+    """(T,) s that a size per second grows for, in a flight until `last`, `least` s or more; 1 for what is no ramp."""
     if shape not in SLOPED:
         return np.ones(len(onset))
-    return np.maximum(np.minimum(end, last) - onset, 1.0)
+    return np.maximum(np.minimum(end, last) - onset, least)
 
 
 def _hours(flight: tuple[float, float]) -> float:
@@ -137,16 +137,17 @@ def trial(
     """
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
+    over = grows_for(shape, onset, end, flight[1], priors.RAMP_S)
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
     known = np.linalg.eigh(v)
-    large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / reached)
+    large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / over)
     if hypothesis.nuisance:
         small, large = large, np.full_like(large, num.LOG_ZERO)
     else:
         usual = np.full(len(onset), harm.NUISANCE * harmful(hypothesis, shape, imu))
         if aliased is not None:
             usual = np.maximum(usual, aliased.sigma(np.minimum(end, flight[1]) - onset))
-        small, *_ = _of_scale(each, v, known, usual / reached)
+        small, *_ = _of_scale(each, v, known, usual / over)
     possible = np.abs(size).max(axis=1) * reached[:, None] <= hypothesis.max_plausible
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
     sets = slice(None) if b.ndim > 2 else 0
