@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -146,12 +147,20 @@ def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterato
     for span in lost:
         meanwhile = next((other for other in without_fix if _overlap(other, span)), None)
         without_fix = [other for other in without_fix if other != meanwhile]
-        yield _lost(flight.position, span, meanwhile)
+        yield _while_it_lasts(_lost(flight.position, span, meanwhile), "no position", received)
+    reckons = "the autopilot's position is dead-reckoned, or of other sensors"
     for span in without_fix:
-        yield _dead_reckoned(span, "no GPS fix for", "the autopilot's position is dead-reckoned, or of other sensors")
+        yield _dead_reckoned(span, "no GPS fix", reckons, received)
     for span in _rejected(flight):
         if not any(_overlap(span, other) for other in (*lost, *without_fix)):
-            yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS for", "it dead-reckons")
+            yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS", "it dead-reckons", received)
+
+
+def _while_it_lasts(finding: Finding, what: str, received: Array) -> Finding:
+    """With its beginning in the headline, in place of how long it has lasted, where it goes on at the end."""
+    if finding.end_s < received[-1] - check.NEAR_S:
+        return finding
+    return replace(finding, headline=f"{what} since {finding.start_s:.1f} s")
 
 
 def _never_valid(flight: Flight) -> Iterator[Finding]:
@@ -166,11 +175,11 @@ def _never_valid(flight: Flight) -> Iterator[Finding]:
         yield Finding("position_lost", "data", "info", begin, end, words, "")
 
 
-def _dead_reckoned(span: Span, why: str, then: str) -> Finding:
+def _dead_reckoned(span: Span, why: str, then: str, received: Array) -> Finding:
     begin, end = span
-    words = f"{why} {end - begin:.1f} s; {then}"
+    words = f"{why} for {end - begin:.1f} s; {then}"
     advice = "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t²."
-    return Finding("dead_reckoned", "data", "warning", begin, end, words, advice)
+    return _while_it_lasts(Finding("dead_reckoned", "data", "warning", begin, end, words, advice), why, received)
 
 
 def _rejected(flight: Flight) -> Iterator[Span]:
