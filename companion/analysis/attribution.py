@@ -34,7 +34,7 @@ from companion.analysis.fault_interval import (
     turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
-from companion.constants import check, num, priors
+from companion.constants import check, harm, num, priors
 from companion.estimation import (
     HEIGHTS,
     BestEstimate,
@@ -134,7 +134,7 @@ def _of_interval(
         return _turned(interval, best)
     side: Side = "imu" if interval.device == "imu" else "autopilot" if harmed else "data"
     own_doubt = _doubt_of_interval(interval, best)
-    doubt = Doubt(_HARDLY_OFF, _ANOTHER) if severity == "warning" else None
+    doubt = _doubt_below_error(severity, interval, best)
     if severity == "error":
         doubt = own_doubt
         if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
@@ -175,6 +175,18 @@ def _of_interval(
     return Finding(
         shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
     )
+
+
+def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEstimate) -> Doubt | None:
+    """Why what is no error may be one: close to what harms, or no fault only because readings are too rare to tell."""
+    if severity == "warning":
+        return Doubt(_HARDLY_OFF, _ANOTHER)
+    kind, slow = hypothesis_of(interval.kind), best.imu.rate_hz < harm.USELESS_RATE_HZ
+    if severity == "error" or interval.device != "imu" or kind.nuisance or not slow:
+        return None
+    if interval.magnitude - num.Z_95 * interval.sigma < harmful(kind, "step", interval.imu):
+        return None
+    return Doubt(f"vibration that is sampled at {best.imu.rate_hz:.1f} Hz may read so as well", _FASTER)
 
 
 def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = np.inf) -> dict[str, float]:
