@@ -20,7 +20,7 @@ _LOOK_S = 0.4  # between two looks: data are handed over twice as often
 PAUSE_S = 4.0  # between the beginnings of two verdicts
 _AGE_S = 4.2  # from the beginning of a verdict to the end of the next, so that it is shown before the last is 5 s old
 _SHARE = 2.0  # rest after a verdict, in times of the CPU time that it took
-_ALARM_SHARE = 1.25  # the same under an alarm, or after a look has called for a verdict
+_ALARM_SHARE = 1.25  # the same under an alarm, after a look has called for a verdict, or where it has changed
 _CALLED_S = 2.5  # CPU time between two regular verdicts that those which looks call for may take: five of 0.5 s
 _COSTS_S = 1.6  # CPU time of a verdict, beyond which the next judges less data in proportion
 _LESS, _MORE = 0.8, 1.1  # factors of the data judged next: where the next verdict would be late, and where it would not
@@ -58,7 +58,7 @@ class Pace:
         else:
             self._called = 0.0
         self._judged = judge.newest
-        before, began = time.process_time(), time.monotonic()
+        said, before, began = judge.last.status, time.process_time(), time.monotonic()
         try:
             live_verdict = judge.judge()
         except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
@@ -66,7 +66,8 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        unsettled = live_verdict.is_alarm or self._called > busy  # or a look has called for it
+        called = self._called > busy  # by a look
+        unsettled = live_verdict.is_alarm or called or live_verdict.status != said
         rests = busy * (_ALARM_SHARE if unsettled else _SHARE)
         self._due = now + max(min(PAUSE_S, _AGE_S - took), rests)
         in_time = rests + took <= _AGE_S
