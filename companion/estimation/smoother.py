@@ -127,7 +127,8 @@ def explain(
         else:
             further = adaptation
             break
-    if any(one.imu is None for one in accepted) and not settled.complete:  # each was tried for some passes alone
+    moves = not settled.complete and settled.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
+    if moves and any(one.imu is None for one in accepted):
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
