@@ -97,6 +97,7 @@ def read_verdict(verdict: Verdict) -> Answer:
         nobody = verdict.probability.get("nobody") if side == "none" else None
         return Answer(side, stated=nobody, summary=verdict.summary)
     cause, sensor = CAUSES.get(first.kind, (first.kind, ""))
+    of_imu = verdict.probability.get("imu") if side == "imu" else None  # its readings themselves accuse it
     return Answer(
         side,
         cause,
@@ -106,6 +107,6 @@ def read_verdict(verdict: Verdict) -> Answer:
         end=first.end_s,
         size=first.size,
         sigma=first.sigma,
-        stated=first.side_probability,
+        stated=first.side_probability if first.side_probability is not None else of_imu,
         summary=verdict.summary,
     )

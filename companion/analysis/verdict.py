@@ -70,7 +70,7 @@ def decide(
     are several.
     """
     whole = _decided(agreements, findings, best, source, probability)
-    probability = _with_autopilot(probability, findings)
+    probability = _with_readings(_with_autopilot(probability, findings), whole.cause)
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
@@ -109,6 +109,14 @@ def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding
         parts = {"autopilot": nobody * sure, "imu": nobody * imu, "nobody": -nobody * (sure + imu)}
         shares |= {side: shares[side] + part for side, part in parts.items()}
     return shares
+
+
+def _with_readings(probability: Mapping[str, float], cause: Cause | None) -> Mapping[str, float]:
+    """The same where it is the readings themselves that accuse an IMU, as no estimate does: all but a false alarm."""
+    if not probability or cause is None or cause.side != "imu" or cause.probability is not None:
+        return probability
+    shares = {side: share * priors.FALSE_ALARM for side, share in probability.items()}
+    return {**shares, "imu": shares.get("imu", 0.0) + 1.0 - priors.FALSE_ALARM}
 
 
 def _decided(

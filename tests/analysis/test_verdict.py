@@ -264,6 +264,8 @@ def test_a_frozen_imu() -> None:
     gyro, accel = (frozen_from(40, readings, imu.t) for readings in (imu.gyro, imu.accel))
     found = assess(with_imu(flight, gyro=gyro, accel=accel), GENERIC)
     assert found.verdict.status == "imu_suspect"
+    assert found.verdict.probability["imu"] > 0.95
+    assert sum(found.verdict.probability.values()) == pytest.approx(1.0)
     assert of_kind(found, "frozen").start_s == pytest.approx(40, abs=0.1)
 
 
@@ -303,6 +305,16 @@ def test_a_stuck_axis() -> None:
     finding = of_kind(found, "stuck_axis")
     assert (finding.start_s, finding.end_s) == pytest.approx((26, 29), abs=0.1)
     assert finding.evidence.startswith("gyro y")
+
+
+def test_an_axis_that_stops_is_seen_at_a_ground_stations_rate() -> None:
+    """Ten samples tell as little at 4 Hz as at 100: it takes longer to be sure."""
+    flight = flown(motions.coning(seconds(150, 4), angle=0.2, frequency=0.2))
+    imu = flight.imu()
+    assert "stuck_axis" not in [f.kind for f in assess(flight, GENERIC).verdict.findings]
+    held = imu.gyro.copy()
+    held[imu.t >= 120, 1] = held[np.argmax(imu.t >= 120), 1]
+    assert of_kind(assess(with_imu(flight, gyro=held), GENERIC), "stuck_axis").start_s == pytest.approx(120, abs=1.0)
 
 
 def test_a_sensor_at_rest_is_not_frozen() -> None:
