@@ -66,6 +66,14 @@ def test_a_position_without_fixes_is_dead_reckoned() -> None:
     assert (begin, end) == pytest.approx((30.0, 45.0), abs=0.5)
 
 
+@pytest.mark.parametrize("what", [{"position": (30.0, np.inf)}, {"fixes": (30.0, np.inf)}], ids=["position", "fixes"])
+def test_what_goes_on_is_headed_by_its_beginning_not_by_how_long_it_has_lasted(what: Any) -> None:
+    (lasts,) = outages(without(flown(CIRCLE), **what))
+    assert "since 30." in lasts.headline or "since 29." in lasts.headline
+    (over,) = outages(without(flown(CIRCLE), **{name: (30.0, 45.0) for name in what}))
+    assert not over.headline
+
+
 def test_what_never_was_there_is_not_lost() -> None:
     flight = flown(CIRCLE)
     assert lines(replace(flight, position=None)) == []

@@ -317,6 +317,16 @@ def test_an_axis_that_stops_is_seen_at_a_ground_stations_rate() -> None:
     assert of_kind(assess(with_imu(flight, gyro=held), GENERIC), "stuck_axis").start_s == pytest.approx(120, abs=1.0)
 
 
+def test_what_hides_between_samples_is_not_called_consistent() -> None:
+    """A gyro that is off by ten times what harms, for some seconds of a flight at 4 Hz."""
+    flight = flown(motions.coning(seconds(150, 4), angle=0.2, frequency=0.2))
+    imu = flight.imu()
+    off = imu.gyro + ((imu.t > 100.0) & (imu.t < 108.0))[:, None] * [0.0, 0.05, 0.0]
+    found = assess(with_imu(flight, gyro=off), GENERIC)
+    assert found.verdict.status in ("insufficient_data", "imu_suspect")
+    assert of_kind(found, "gyro_bias")
+
+
 def test_a_sensor_at_rest_is_not_frozen() -> None:
     """Whole milli-units read the same for ever at rest."""
     assert assess(flight_of(motions.rest(seconds(60, 100))), GENERIC).verdict.status == "consistent"

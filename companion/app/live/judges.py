@@ -66,10 +66,9 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        called = self._called > busy  # by a look
-        unsettled = live_verdict.is_alarm or called or live_verdict.status != said
-        rests = busy * (_ALARM_SHARE if unsettled else _SHARE)
-        self._due = now + max(min(PAUSE_S, _AGE_S - took), rests)
+        called, changed = self._called > busy, live_verdict.status != said  # by a look; what it says
+        rests = busy * (_ALARM_SHARE if live_verdict.is_alarm or called or changed else _SHARE)
+        self._due = now + (rests if changed else max(min(PAUSE_S, _AGE_S - took), rests))
         in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
             judge.most_s = max(judge.most_s * _COSTS_S / busy, LEAST_S)

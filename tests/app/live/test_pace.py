@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from companion.analysis import Alarm, LiveVerdict
+from companion.analysis import Alarm, LiveVerdict, State
 from companion.app.live import Judge, Pace
 
 
@@ -15,9 +15,9 @@ class Judged:
     """In place of a judge: counts what it is asked."""
 
     def __init__(self) -> None:
-        self.newest, self.news, self.most_s = 0.0, False, 90.0
+        self.newest, self.news, self.most_s, self.says = 0.0, False, 90.0, cast("State", "consistent")
         self.looks, self.judged = list[float](), list[float]()
-        self.last = LiveVerdict("", "", 0.0)
+        self.last = LiveVerdict("consistent", "", 0.0)
 
     def is_urgent(self) -> bool:
         self.looks.append(self.newest)
@@ -25,7 +25,8 @@ class Judged:
 
     def judge(self) -> LiveVerdict:
         self.judged.append(self.newest)
-        return LiveVerdict("consistent", "", self.newest)
+        self.last = LiveVerdict(self.says, "", self.newest)
+        return self.last
 
 
 def run(judge: Judged, pace: Pace, begin: float, end: float, *, hears: bool = True) -> None:
@@ -50,6 +51,17 @@ def test_what_has_just_begun_is_judged_at_once() -> None:
     run(judge, pace, 2.0, 2.5)
     assert judge.judged[0] == 1.0
     assert 2.0 <= judge.judged[1] <= 2.45
+
+
+def test_a_verdict_that_has_changed_is_looked_into_at_once() -> None:
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    run(judge, pace, 1.0, 2.0)
+    judge.says = "insufficient_data"
+    run(judge, pace, 2.0, 10.0)
+    assert judge.judged[:2] == [1.0, 5.0]
+    assert judge.judged[2] < 5.2
+    assert judge.judged[3] >= judge.judged[2] + 3.9, "it is the same as before"
 
 
 def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
@@ -100,7 +112,7 @@ def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
 def test_a_defect_of_the_analysis_takes_back_no_alarm() -> None:
     class Breaks(Judged):
         def judge(self) -> LiveVerdict:
-            if super().judge().newest > 1.0:
+            if self.newest > 1.0:
                 raise ZeroDivisionError
             self.last = LiveVerdict("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
             return self.last
