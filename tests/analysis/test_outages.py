@@ -70,7 +70,7 @@ def test_a_position_without_fixes_is_dead_reckoned() -> None:
 def test_what_goes_on_is_headed_by_its_beginning_not_by_how_long_it_has_lasted(what: Any) -> None:
     (lasts,) = outages(without(flown(CIRCLE), **what))
     assert "since 30." in lasts.headline or "since 29." in lasts.headline
-    (over,) = outages(without(flown(CIRCLE), **{name: (30.0, 45.0) for name in what}))
+    (over,) = outages(without(flown(CIRCLE), **dict.fromkeys(what, (30.0, 45.0))))
     assert not over.headline
 
 

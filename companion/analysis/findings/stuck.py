@@ -267,7 +267,7 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
         when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
         moved = other > check.STEP_ROUNDING * (sensor.step + step)
         both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
-        out.append(_Seconds(second, both * second, own[i], other[moved][j]))
+        out.append(_Seconds(second, second * both.astype(np.float64), own[i], other[moved][j]))
     return out
 
 

@@ -15,7 +15,8 @@ class Judged:
     """In place of a judge: counts what it is asked."""
 
     def __init__(self) -> None:
-        self.newest, self.news, self.most_s, self.says = 0.0, False, 90.0, cast("State", "consistent")
+        self.newest, self.news, self.most_s = 0.0, False, 90.0
+        self.says: State = "consistent"
         self.looks, self.judged = list[float](), list[float]()
         self.last = LiveVerdict("consistent", "", 0.0)
 
