@@ -276,7 +276,7 @@ def _strongest_line(track: ImuTrack, readings: Array, gap_s: float) -> float:
     begin = segments(track.t, gap_s, length)
     if f[-1] - num.VEHICLE_MOTION_HZ < num.NOISE_MIN_BAND_HZ or not len(begin):
         return healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.PSD_BATCH)).round().astype(np.int64)]
     power = periodograms(readings, begin, rate, length)[:, inside]
     by_chance = (1.0 / np.arange(1, power.shape[1] + 1)).sum() * np.median(power, axis=1) / np.log(2.0)
     line = np.maximum(power.max(axis=1) - by_chance, 0.0).sum(axis=-1).mean()
