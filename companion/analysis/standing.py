@@ -182,15 +182,18 @@ def carried_on(
         of_estimate_alone = cause.side == "autopilot" and not cause.sensor  # a fault that stands has misled it
         if not (of_estimate_alone and any(one.over_s is None for one in kept)):
             kept.append(_as_seen(first, flight, best, end, None))
-    judged_now = (_with_hysteresis(one, end) for one in kept)
+    judged_now = (_with_hysteresis(one, flight.start, end) for one in kept)
     return tuple(one for one in judged_now if one.over_s is None or one.over_s > flight.start)
 
 
-def _with_hysteresis(fault: StandingFault, end: float) -> StandingFault:
-    """The fault, over where it is still there with less than 5 %, and standing again from 95 % on."""
+def _with_hysteresis(fault: StandingFault, begin: float, end: float) -> StandingFault:
+    """The fault, over where it is still there with less than 5 %, and standing again from 95 % on.
+
+    By a piece that begins after it was over: what is measured over a piece with some of the fault in it tells nothing.
+    """
     if fault.over_s is None and fault.probability <= 1.0 - priors.ACCUSED:
         return replace(fault, over_s=end)
-    if fault.over_s is not None and fault.probability >= priors.ACCUSED:
+    if fault.over_s is not None and fault.over_s <= begin and fault.probability >= priors.ACCUSED:
         return replace(fault, over_s=None)
     return fault
 
