@@ -135,7 +135,6 @@ STUCK_SAMPLES = 20.0  # that are looked at together, and a second of them
 MOTION_MEAN_S = 0.2  # means of another IMU's readings, whose noise is not the vehicle's motion
 SOME_STEPS = 10.0  # of quantisation
 STUCK_MIN_SAMPLES = 2  # of another IMU
-STUCK_MIN_SECONDS = 3
 STEP_ROUNDING = 1.01  # for sums of floats are no whole steps
 FLOAT32_BIT = 2.0**-22  # of a reading,
 FLOAT32_BITS = 2.0**-20  # and its last two bits more

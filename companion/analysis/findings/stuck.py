@@ -145,17 +145,11 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if gaps[stretch].any():
             continue
-        still = axes.beside_same[stretch].mean(axis=0)
-        alone = still.min() <= check.BESIDE  # else it is the whole sensor
-        if alone and any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
+        goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE  # else it is the whole sensor, or all
+        if goes_on and any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
             yield stretch.start, stretch.stop - 1
             continue
-        if still.max() > check.BESIDE:
-            # as a whole, whatever its axes do
-            goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE
-            whole = len(axes.axes) == 3 and lasted[i] > stuck_s
-            if whole and goes_on and any(_moves_in_seconds(axes, other, stretch) for other in others):
-                yield stretch.start, stretch.stop - 1
+        if axes.beside_same[stretch].mean(axis=0).max() > check.BESIDE:
             continue
         changes = slice(stretch.start, stretch.stop - 1)
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
@@ -224,21 +218,6 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
     return False
 
 
-def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
-    """Whether another IMU's sensor of the kind moves along two axes by ten steps within one second, in several.
-
-    A bias that warms up takes longer.
-    """
-    t = axes.sensor.t[stretch]
-    during, second = (other.t >= t[0]) & (other.t <= t[-1]), max(axes.sensor.second, second_of(other))
-    if not during.any():
-        return False
-    readings, step = read_by(other, axes.sensor.name)
-    least = check.SOME_STEPS * max(step, axes.sensor.step)
-    spread = np.array([_spread_by_second(other.t[during], readings[during, axis], second)[1] for axis in axes.axes])
-    return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= check.STUCK_MIN_SECONDS
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seconds:
     """Whole seconds, or longer for slow readings, and how far an axis of two IMUs moves in each of them."""
@@ -250,20 +229,20 @@ class _Seconds:
 
 
 def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
-    """One axis beside the same one of every other IMU that reads often enough; none of a whole sensor.
+    """Some axes beside the same ones of every other IMU.
 
-    Only seconds in which the other's moves by more than a step of each: what moves less can be read as one whole step,
-    or none, for as long as it lies in the middle of one. And by means over a while: its noise is none of this one's.
+    Only seconds in which one of the other's moves by more than a step of each: what moves less can be read as one whole
+    step, or none, for as long as it lies in the middle of one. And by means over a while: its noise is none of this
+    one's.
     """
-    if len(axes.axes) > 1:
-        return []
-    sensor, (axis,) = axes.sensor, axes.axes
+    sensor, chosen = axes.sensor, list(axes.axes)
     out = []
     for track in others:
         second = max(sensor.second, second_of(track))
-        start, own = _spread_by_second(sensor.t, sensor.readings[:, axis], second)
+        start, own = _spread_by_second(sensor.t, sensor.readings[:, chosen], second)
         readings, step = read_by(track, sensor.name)
-        means = evened(readings[:, axis], check.MOTION_MEAN_S * second * track.rate_hz / len(track))
+        part = check.MOTION_MEAN_S * second * track.rate_hz / len(track)
+        means = np.column_stack([evened(readings[:, axis], part) for axis in chosen])
         when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
         moved = other > check.STEP_ROUNDING * (sensor.step + step)
         both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
@@ -272,9 +251,10 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
 
 
 def _spread_by_second(t: Array, readings: Array, second: float) -> tuple[IntArray, Array]:
-    """The seconds (S,) in which there are readings (n,), and how far these go from smallest to largest (S,)."""
+    """The seconds (S,) in which there are readings (n, m), and how far the liveliest of these goes in each (S,)."""
     seconds, first = np.unique(np.floor(t / second).astype(np.intp), return_index=True)
-    return seconds, np.maximum.reduceat(readings, first) - np.minimum.reduceat(readings, first)
+    spread = np.maximum.reduceat(readings, first, axis=0) - np.minimum.reduceat(readings, first, axis=0)
+    return seconds, spread.max(axis=1)
 
 
 def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
