@@ -129,8 +129,11 @@ def _decided(
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
     lost = [f for f in findings if f.kind == "control_lost"]
     judged = agreements[0]
-    why_no_windows = next((f.evidence for f in findings if f.kind == "rate_too_low"), "") or too_few_windows(judged)
+    slow = next((f.evidence for f in findings if f.kind == "rate_too_low"), "")
+    why_no_windows = slow or too_few_windows(judged)
     why_too_little = "" if causes or not why_no_windows else unseen(best, why_no_windows)
+    if lost and slow and not causes:  # what misled the autopilot within the last second has hardly a sample
+        why_too_little = why_too_little or f"{slow} to show what begins within a second of the loss"
     lacking = _lacking(findings, lost, bool(causes), why_too_little)
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
