@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.accuracy.cutting import thinned
 from companion.analysis import GENERIC, Assessment, assess
 from companion.analysis.phases import between, phases
 from companion.analysis.phases import flown as flights_of
@@ -70,6 +71,13 @@ def test_a_fall_with_healthy_sensors_is_said_as_such() -> None:
     assert found.verdict.summary.startswith(f"Control was lost at {lost.start_s:.1f} s; the sensors agree")
     assert not kinds(found, "error")
     assert [one.status for one in found.verdict.flights] == ["consistent", "consistent"]
+
+
+def test_at_a_ground_stations_rate_no_sensor_is_cleared_of_it() -> None:
+    found = judged(thinned(fallen(), 4.0))
+    assert "control_lost" in kinds(found, "warning")
+    assert found.verdict.status == "insufficient_data"
+    assert "within a second of the loss" in found.verdict.summary
 
 
 def test_what_is_read_in_the_fall_changes_nothing() -> None:
