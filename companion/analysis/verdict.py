@@ -69,8 +69,9 @@ def decide(
     see `fault_probability`. by_flight: agreements of each flight of the log, from when to when it was, s, where there
     are several.
     """
-    whole = _decided(agreements, findings, best, source, probability)
-    probability = _with_readings(_with_autopilot(probability, findings), whole.cause)
+    shares = _with_autopilot(probability, findings)
+    whole = _as_sure(_decided(agreements, findings, best, source, probability), shares)
+    probability = _with_readings(shares, whole.cause)
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
@@ -109,6 +110,24 @@ def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding
         parts = {"autopilot": nobody * sure, "imu": nobody * imu, "nobody": -nobody * (sure + imu)}
         shares |= {side: shares[side] + part for side, part in parts.items()}
     return shares
+
+
+_WHOSE = {"imu": "the IMU", "autopilot": "the autopilot's estimate", "nobody": "no fault"}
+
+
+def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
+    """The verdict; where the side that it accuses has less than 95 % of all shares, that it cannot be told."""
+    cause = verdict.cause
+    if not shares or cause is None or cause.probability is None:
+        return verdict
+    sides = {"imu": shares["imu"], "nobody": shares["nobody"]}
+    sides["autopilot"] = sum(share for device, share in shares.items() if device not in sides)
+    own, other = cause.side, max(sides.keys() - {cause.side}, key=lambda side: sides[side])
+    if sides[own] >= priors.ACCUSED:
+        return verdict
+    two = f"{_WHOSE[own]} from {_WHOSE[other]} ({percent(sides[own])} / {percent(sides[other])})"
+    first = next(f for f in verdict.findings if f.severity == "error" and stated_cause(f) == cause)
+    return Verdict("insufficient_data", f"Cannot tell {two}: {headline_of(first)}.", verdict.findings)
 
 
 def _with_readings(probability: Mapping[str, float], cause: Cause | None) -> Mapping[str, float]:
