@@ -220,12 +220,12 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seconds:
-    """Whole seconds, or longer for slow readings, and how far an axis of two IMUs moves in each of them."""
+    """Half seconds, or longer for slow readings, and how far an axis of two IMUs moves in each of them."""
 
     length: float  # s
     start: Array  # (S,) s, boot clock
     own: Array  # (S,) largest reading minus smallest
-    other: Array  # (S,)
+    other: Array  # (S,) in steps of both
 
 
 def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
@@ -238,15 +238,16 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     sensor, chosen = axes.sensor, list(axes.axes)
     out = []
     for track in others:
-        second = max(sensor.second, second_of(track))
+        second = healthy.FROZEN_S * max(sensor.second, second_of(track))
         start, own = _spread_by_second(sensor.t, sensor.readings[:, chosen], second)
         readings, step = read_by(track, sensor.name)
         part = check.MOTION_MEAN_S * second * track.rate_hz / len(track)
         means = np.column_stack([evened(readings[:, axis], part) for axis in chosen])
         when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
-        moved = other > check.STEP_ROUNDING * (sensor.step + step)
+        steps = other / (sensor.step + step)
+        moved = steps > check.STEP_ROUNDING
         both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
-        out.append(_Seconds(second, second * both.astype(np.float64), own[i], other[moved][j]))
+        out.append(_Seconds(second, second * both.astype(np.float64), own[i], steps[moved][j]))
     return out
 
 
@@ -258,22 +259,19 @@ def _spread_by_second(t: Array, readings: Array, second: float) -> tuple[IntArra
 
 
 def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
-    """Whether an axis does not read the same from begin to end (s) by chance, of a flight of so many seconds.
+    """Whether an axis does not read the same from begin to end (s) by chance, of a flight of so many such times.
 
-    The odds are told by the other seconds in which another IMU moves along the axis as it does in the calmer half of
-    these: at rest, and where a vehicle turns about other axes alone, this one stands still in most of them.
+    The odds of each are told by the others in which another IMU moves along the axis as it does, or half as far:
+    at rest, and where a vehicle turns about other axes alone, this one stands still in most of them. By Laplace's rule
+    of succession, where what moves by m steps counts as m more in which it did not stand still.
     """
     during = (seconds.start >= begin) & (seconds.start + seconds.length <= end)
-    if not during.any():
-        return False
-    moved = seconds.other[during]
-    alike = (seconds.other >= moved.min()) & (seconds.other <= np.median(moved))
-    elsewhere = alike & ~during
-    if elsewhere.sum() < check.MIN_SECONDS:
-        return False
-    # Laplace's rule of succession
-    still = (1.0 + (elsewhere & (seconds.own == 0)).sum()) / (2.0 + elsewhere.sum())
-    return bool(len(seconds.start) * still ** (alike & during).sum() < priors.FALSE_ALARM)
+    left, still = seconds.other[~during], seconds.own[~during] == 0
+    log_p = 0.0
+    for steps in seconds.other[during].tolist():
+        alike = (left <= steps) & (left >= 0.5 * steps)
+        log_p += float(np.log((1.0 + (alike & still).sum()) / (2.0 + alike.sum() + steps)))
+    return bool(during.any() and np.log(len(seconds.start)) + log_p < np.log(priors.FALSE_ALARM))
 
 
 _AIDING = ("compass", "gps")  # that tell a turn, each with gravity

@@ -66,7 +66,8 @@ class Pace:
             live_verdict = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        called, changed = self._called > busy, live_verdict.status != said  # by a look; what it says
+        called = self._called > busy  # by a look
+        changed = said == "consistent" and live_verdict.status != said
         rests = busy * (_ALARM_SHARE if live_verdict.is_alarm or called or changed else _SHARE)
         self._due = now + (rests if changed else max(min(PAUSE_S, _AGE_S - took), rests))
         in_time = rests + took <= _AGE_S

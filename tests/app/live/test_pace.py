@@ -121,8 +121,8 @@ def test_a_defect_of_the_analysis_takes_back_no_alarm() -> None:
     judge = Breaks()
     pace = Pace(cast("Judge", judge))
     run(judge, pace, 1.0, 5.0)
-    judge.newest = 5.0
-    said = pace.step(5.0)
+    judge.newest = 9.0
+    said = pace.step(9.0)
     assert said is not None
     assert (said.status, said.newest, said.so_far[0]) == ("", 0.0, "imu_suspect")
 
