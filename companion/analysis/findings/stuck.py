@@ -5,6 +5,7 @@ Also here: findings about an axis that reads the same while the other sensors sa
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -220,7 +221,7 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seconds:
-    """Half seconds, or longer for slow readings, and how far an axis of two IMUs moves in each of them."""
+    """Whole or half seconds, longer for slow readings, and how far an axis of two IMUs moves in each of them."""
 
     length: float  # s
     start: Array  # (S,) s, boot clock
@@ -237,12 +238,12 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     """
     sensor, chosen = axes.sensor, list(axes.axes)
     out = []
-    for track in others:
-        second = healthy.FROZEN_S * max(sensor.second, second_of(track))
+    for track, part in itertools.product(others, (1.0, healthy.FROZEN_S)):  # of a second: a slow turn takes it whole
+        second = part * max(sensor.second, second_of(track))
         start, own = _spread_by_second(sensor.t, sensor.readings[:, chosen], second)
         readings, step = read_by(track, sensor.name)
-        part = check.MOTION_MEAN_S * second * track.rate_hz / len(track)
-        means = np.column_stack([evened(readings[:, axis], part) for axis in chosen])
+        span = check.MOTION_MEAN_S * second * track.rate_hz / len(track)
+        means = np.column_stack([evened(readings[:, axis], span) for axis in chosen])
         when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
         steps = other / (sensor.step + step)
         moved = steps > check.STEP_ROUNDING
