@@ -134,11 +134,9 @@ class Browsers:
         """Move the world where a camera follows. A world that stands still costs nothing."""
         for browser in self._open.values():
             pose = world(browser.mode, sample)
-            if not np.array_equal(pose.position, browser.pose.position):
-                browser.world.position = pose.position
-            if not np.array_equal(pose.wxyz, browser.pose.wxyz):
-                browser.world.wxyz = pose.wxyz
-            browser.pose = pose
+            if pose is not browser.pose:
+                browser.world.position, browser.world.wxyz = pose.position, pose.wxyz
+                browser.pose = pose
             eye = step_back(browser.mode, browser.client.camera.position, sample)
             if eye is not None:
                 browser.client.camera.position = eye

@@ -24,7 +24,6 @@ from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.live import Feed, FreeRun, History, Past, Seen, free_run, present
-from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 LOOK_HZ = 12.5
@@ -205,11 +204,11 @@ class LiveController(Controller):
             silent = self._held is None and bool(status.link.problem)
             has_position = self._display.replay.has_position
             shown = numbers(sample, self._free_now(), has_position=has_position, silent=silent)
-            update(self._panel.numbers, content=shown)
+            self._panel.numbers.content = shown
             if self._flight is not None and sample.t >= self._flight.start:
                 below = bands(self._flight, self._display)
                 data = flight_data(sample, self._flight, below, has_position=has_position, of_log=False)
-                update(self._panel.flight, content=data)
+                self._panel.flight.content = data
             held_s = None if self._held is None else self._display.end - sample.t
         self._panel.report(status, held_s)
 

@@ -45,7 +45,6 @@ from companion.view.state.moments import (
 )
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
-from companion.view.state.sending import update
 from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, FlightChecks, with_result
 from companion.view.state.work import Worker
 
@@ -117,7 +116,7 @@ class ReplayController(Controller):
 
         self._load()
         self._open()
-        self._map = MapLayer(offer.map_url, self.scene.ground.show_map, self._report_map, self._complain)
+        self._map = MapLayer(offer.map_url, self.scene.ground.show_map, partial(write, self.map_box), self._complain)
         controls.on_change(self.map_box, lambda shown: self._show_map(shown is True))
         if offer.map_shown:
             self._show_map(True)
@@ -174,10 +173,6 @@ class ReplayController(Controller):
 
     def _show_map(self, shown: bool) -> None:
         self._map.show(shown, self._flight, self.browsers.framing)
-
-    def _report_map(self, shown: bool) -> None:
-        if self.map_box.value != shown:
-            write(self.map_box, shown)
 
     def _add_tabs(self, controls: Controls, side: viser.PanelHandle) -> None:
         with side.add_tab("Findings"):
@@ -374,7 +369,7 @@ class ReplayController(Controller):
         self._paths = extra_paths.visible
         self._panel.introduce(self._display, self._colours, self._paths)
         for name, there in extra_paths.there.items():
-            update(self.extra_path_boxes[name], visible=there)
+            self.extra_path_boxes[name].visible = there
 
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""

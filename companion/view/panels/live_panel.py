@@ -30,7 +30,6 @@ from companion.view.panels.markup import (
 )
 from companion.view.panels.verdict import ChecksFolders
 from companion.view.state.live import Feed, FreeRun, LinkState, LiveStatus
-from companion.view.state.sending import update
 from companion.view.state.trajectory import FlightChecks, Sample
 
 BEST = "Automatic"
@@ -100,12 +99,12 @@ class LivePanel:
     def report(self, status: LiveStatus, held_s: float | None) -> None:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""
         state = status.link
-        update(self._verdict, content=verdict(status.verdict, state, status.why_not))
-        update(self._link, content=link(state, status.why_not, held_s))
-        update(self._health, content=health(state))
-        update(self._drift, content=drift(status.drift, status.verdict, status.other_verdicts))
+        self._verdict.content = verdict(status.verdict, state, status.why_not)
+        self._link.content = link(state, status.why_not, held_s)
+        self._health.content = health(state)
+        self._drift.content = drift(status.drift, status.verdict, status.other_verdicts)
         self._checks.load(FlightChecks(preflight=status.preflight))
-        update(self._messages, content=messages(status.messages))
+        self._messages.content = messages(status.messages)
         vehicles = tuple(status.vehicles)
         if vehicles and vehicles != self._vehicles:
             self._vehicles = self.vehicle.options = vehicles

@@ -17,7 +17,6 @@ from companion.view.panels.controls import Controls, write
 from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, wrapped
 from companion.view.panels.strip import Bands
 from companion.view.state.choice import EXTRA_PATHS, ExtraPath
-from companion.view.state.sending import update
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 
@@ -76,7 +75,7 @@ class Panel:
     def status(self, text: str, *, trouble: bool = False) -> None:
         """Report progress, or why something failed. `text` may hold anything."""
         colour = "var(--companion-trouble)" if trouble else "inherit"
-        update(self._status, content=block(escape(text), f"color:{colour}") if text else "")
+        self._status.content = block(escape(text), f"color:{colour}") if text else ""
 
 
 def identity(flight: Flight) -> str:

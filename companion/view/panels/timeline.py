@@ -13,7 +13,6 @@ from companion.view.panels.controls import CAMERAS, Call, ChooseCamera, Controls
 from companion.view.panels.strip import GUTTER, HEIGHT, Bands, legend, markup, strip
 from companion.view.state.moments import PLAYED_S, ErrorCurve, Mark, Moment, short
 from companion.view.state.player import Player
-from companion.view.state.sending import update
 
 WIDTH = 600  # pixels, where the browser does not know `:has`
 TALL = 212  # pixels: what the panel covers of the window
@@ -173,7 +172,7 @@ class Timeline:
             self._show_span(player.first, player.last)
         write(self._time, round(player.time, 2))
         zoom = "" if self._near == (player.first, player.last) else "Zoom in" if self._is_whole else "Whole flight"
-        update(self._transport, content=_STYLE + _transport(player, zoom, offered=self._played is not None))
+        self._transport.content = _STYLE + _transport(player, zoom, offered=self._played is not None)
 
     def _go_to(self, name: str) -> None:
         """To the event of which an entry of the list begins with the number."""

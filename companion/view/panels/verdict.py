@@ -33,7 +33,6 @@ from companion.present import (
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, unbroken, wrapped
 from companion.view.state.moments import short
-from companion.view.state.sending import update
 from companion.view.state.trajectory import AnalysisResult, FlightChecks
 
 ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE, "info": viser.Icon.INFO_CIRCLE}
@@ -67,7 +66,7 @@ class FindingsTab:
         _write(self._more, [*([f"and {more} more, on the timeline"] if more else []), *([outside] if outside else [])])
         flights = flight_lines(verdict) if verdict else ()
         folder, each = self._flights
-        update(folder, visible=bool(flights), label=f"{len(flights)} flights in this log")
+        folder.visible, folder.label = bool(flights), f"{len(flights)} flights in this log"
         _write(each, [", ".join(one) for one in flights])
         if verdict is not None:
             _write(self._status, [] if findings else ["Nothing stands out."])
@@ -209,10 +208,9 @@ class ChecksFolders:
         lanes = "" if checks.lanes is None else lanes_markup(checks.lanes)
         preflight = "" if checks.preflight is None else preflight_markup(checks.preflight)
         for (folder, text), markup in zip(self.folders, (lanes, preflight), strict=True):
-            update(text, content=markup)
-            update(folder, visible=bool(markup))
+            text.content, folder.visible = markup, bool(markup)
         if checks.preflight is not None:
-            update(self.folders[1][0], label=f"{_BEFORE}: {OUTCOMES[checks.preflight.outcome]}")
+            self.folders[1][0].label = f"{_BEFORE}: {OUTCOMES[checks.preflight.outcome]}"
 
 
 def preflight_markup(result: Preflight) -> str:

@@ -12,7 +12,6 @@ from companion.model import STANDARD_GRAVITY, Array
 from companion.present import Rgb, palette
 from companion.strapdown import quaternion
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.sending import update
 from companion.view.state.trajectory import Sample
 
 WORLD = "/world"
@@ -47,7 +46,6 @@ class Body:
         self._span = 0.0
         self._meshes: list[viser.MeshHandle] = []
         self.label = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
-        self._label_below = 0.0  # m from the drone to its name, negative above it
         self._look: tuple[Drone, Rgb] | None = None
         self.reshape(drone, colour)
 
@@ -97,11 +95,8 @@ class Body:
             self._span = span
             for mesh in self._meshes:
                 mesh.scale = span * (GHOST_SCALE if self._ghost else 1.0)
-        below = name_at * self._span
-        if below != self._label_below:
-            self._label_below = below
-            self.label.anchor = "bottom-center" if below < 0 else "top-center"
-            self.label.position = (0.0, 0.0, below)
+        self.label.anchor = "bottom-center" if name_at < 0 else "top-center"
+        self.label.position = (0.0, 0.0, name_at * self._span)
 
 
 LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
@@ -154,7 +149,7 @@ class Arrows:
             if visible:
                 tip = origin + vector / _norm(vector) * length * self._span
                 handle.points = np.stack([origin, tip])[None].astype(np.float32)
-            update(handle, visible=visible)
+            handle.visible = visible
 
 
 def _linear(colour: Rgb) -> Rgb:
@@ -215,6 +210,5 @@ class Ellipsoid:
             x, y, z = (max(float(a), 1e-6) for a in axes)
             self._handle.scale = (x, y, z)
             self._handle.wxyz = turn
-        if self._handle.visible != visible:
-            self._handle.visible = visible
-            self._handle.position = position
+        self._handle.visible = visible
+        self.put(position)

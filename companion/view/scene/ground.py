@@ -35,18 +35,12 @@ class Ground:
         self._map: list[viser.ImageHandle | viser.LabelHandle] = []
         self._scene, self._root = scene, root
         self._credited = np.zeros(3)  # where it stands whose map it is: in the first picture of the flight
-        self._cell = 0.0
+        self.cell = 0.0  # side of the squares, m
         self.level = 0.0  # down coordinate, m
-
-    @property
-    def cell(self) -> float:
-        """Side of the squares, m."""
-        return self._cell
 
     def load(self, framing: Framing, start: Array | None, home: Array | None) -> None:
         """Lay it out. start, home: NED, m, or None where they are not known; a start at home is not marked twice."""
-        self.level = framing.ground
-        self._grid.position = np.array([0.0, 0.0, framing.ground])
+        self.sink(framing.ground)
         self._grid.fade_distance = 12 * framing.radius
         self.rule(framing.cell)
         self._credited = np.array([framing.low[0], (framing.centre[1] + framing.low[1]) / 2, framing.ground])
@@ -103,7 +97,5 @@ class Ground:
 
     def rule(self, cell: float) -> None:
         """Draw squares of `cell` m."""
-        if cell != self._cell:
-            self._cell = cell
-            self._grid.cell_size = cell
-            self._grid.section_size = 5 * cell
+        self.cell = self._grid.cell_size = cell
+        self._grid.section_size = 5 * cell

@@ -10,7 +10,6 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import FIELD_OF_VIEW, UNMOVED, Camera, Pose, screen_up
-from companion.view.state.sending import update
 
 EM = 12.0  # pixels of viser's labels, times their scale
 _LETTER, _LINE = 0.6, 1.6  # em: the width of a letter, the height of a line with its ground
@@ -89,6 +88,6 @@ def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tupl
     for (name, place), wanted in names:
         box = picture.box(name, place) if wanted else None
         free = box is not None and picture.shows(box) and not any(box.overlaps(other) for other in boxes)
-        update(name, visible=free)
+        name.visible = free
         if box is not None and free:
             boxes.append(box)

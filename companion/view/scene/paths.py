@@ -17,7 +17,7 @@ from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, se
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.moments import sigmas_along
 from companion.view.state.places import Path
-from companion.view.state.sending import Indices, by_shape, evenly, update
+from companion.view.state.sending import Indices, by_shape, evenly
 from companion.view.state.trajectory import DisplayTrajectory, Worst, worst_stretch
 
 MOST_POINTS = OUTLINE
@@ -154,8 +154,8 @@ class ExtraPaths:
     def choose(self, shown: Mapping[ExtraPath, bool]) -> None:
         """Show some of them, where they are there."""
         self.shown = shown
-        update(self._gps, visible="gps" in self.visible)
-        update(self._best, visible="best" in self.visible)
+        self._gps.visible = "gps" in self.visible
+        self._best.visible = "best" in self.visible
 
     @property
     def visible(self) -> tuple[ExtraPath, ...]:

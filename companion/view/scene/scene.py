@@ -16,7 +16,7 @@ from companion.view.scene.names import Picture, give_way
 from companion.view.scene.paths import ExtraPaths, Overview
 from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.sending import by_shape, update
+from companion.view.state.sending import by_shape
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name
@@ -92,7 +92,7 @@ class Scene:
         if whole:
             self.overview.load(display, colour, outlines["autopilot"])
         for line in (self._error, *self._sticks):
-            update(line.node, visible=known)
+            line.node.visible = known
         self._error_name.visible = False
         self._others = tuple(display.others.values())
         for i in range(len(self._imus), 1 + len(self._others)):
@@ -100,14 +100,14 @@ class Scene:
             body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
             self._imus.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
         for body, trail in self._imus[1:]:
-            update(body.place, visible=False)
+            body.place.visible = False
             trail.hide()
         named = zip((f"{source} alone", *display.others), (display, *self._others), strict=True)
         for i, ((body, trail), (name, shown)) in enumerate(zip(self._imus, named, strict=False)):
             shade = colours.get(shown.source if i == 0 else name, palette.IMU)
             body.reshape(drone, shade)
-            update(body.label, text=name)
-            update(body.place, visible=True)
+            body.label.text = name
+            body.place.visible = True
             r, outline = shown.replay, outlines["imu"] if i == 0 else None
             trail.load(r.t, r.position_imu, shown.restarts, shade, outline)
 
@@ -166,10 +166,8 @@ class Scene:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        name = f"{self._label} alone" if roomy else apart
-        update(self.imu.label, text=name)
-        update(self.autopilot.label, visible=roomy)
-        update(self._error_name, visible=roomy)
+        self.imu.label.text = f"{self._label} alone" if roomy else apart
+        self.autopilot.label.visible = self._error_name.visible = roomy
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (sample.position_imu - sample.position_ref) / 2

@@ -15,7 +15,7 @@ from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Move
 from companion.view.state.live import FreeRun
-from companion.view.state.sending import Indices, by_shape, evenly, update, windows
+from companion.view.state.sending import Indices, by_shape, evenly, windows
 from companion.view.state.trajectory import DisplayTrajectory
 
 CHUNK = 60
@@ -233,7 +233,7 @@ class LiveTrail(Trail):
             last = self._last[1]
             points = np.array([[begin - end, last - end], [last - end, np.zeros(3)]], dtype=np.float32)
             self._tip_line.points = points
-        update(self._tip_line, visible=fresh)
+        self._tip_line.visible = fresh
 
     def _extend(self, t: float, position: Array) -> None:
         if self._last is None or t <= self._last[0]:
@@ -297,7 +297,7 @@ class LiveTrails:
         for trail in self._all:
             trail.reach(now)
         near = free is not None and not np.isnan(self._anchor) and bool(np.abs(free.position).max() < _FARTHEST_M)
-        update(self._ball, visible=near)
+        self._ball.visible = near
         if near and free is not None:
             self._ball.position = free.position
 

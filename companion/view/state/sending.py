@@ -1,9 +1,11 @@
-"""What is sent to the browsers, how often, and no more than is seen: only changes, and few samples of a long track."""
+"""What is sent to the browsers, how often, and no more than is seen: few samples of a long track.
+
+What a node or a control shows already is not sent again: viser compares before it sends.
+"""
 
 from __future__ import annotations
 
 import heapq
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +13,6 @@ import numpy.typing as npt
 from companion.model import Array
 
 Indices = npt.NDArray[np.intp]
-
-
-def update(thing: Any, **values: object) -> None:
-    """Set properties of a node or a control; nothing is sent to the browsers where they are so already."""
-    for name, value in values.items():
-        if getattr(thing, name) != value:
-            setattr(thing, name, value)
 
 
 class Cadence:
