@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from companion.present import palette
+from companion.view.panels.chart import relayout
 from companion.view.panels.chart_pages import ChartPages, LiveCharts
 from companion.view.panels.controls import ChooseCamera, Controls, write
 from companion.view.scene.cameras import (
@@ -303,7 +304,7 @@ class Controller:
         left = self._laying_out[0] - now if self._laying_out else np.inf
         if left <= 0:
             self._laying_out.pop(0)
-            self.charts.relayout()
+            relayout(self.charts.charts)
             self.browsers.settle()
             self.is_due.wait("charts", now + _APART)
         elif left >= _APART and self.is_due("charts", now):

@@ -37,6 +37,8 @@ _SUNK_M = 0.5  # below the ground before the ground gives way
 class LiveController(Controller):
     """Built when the server is up, then turned over and over by the view thread."""
 
+    charts: LiveCharts
+
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: Post) -> None:
         self._feed = feed
         self._history = History(window_s, LOOK_HZ)
@@ -68,7 +70,7 @@ class LiveController(Controller):
         )
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
-            self.charts = self._charts = LiveCharts(controls, window_s, lambda: self.is_due.at_once("charts"))
+            self.charts = LiveCharts(controls, window_s, lambda: self.is_due.at_once("charts"))
         dock(server.gui, side)
         self.scene.ground.load(nowhere, None, None)
         for drone in (self.scene.imu, self.scene.autopilot):
@@ -215,6 +217,6 @@ class LiveController(Controller):
     def _chart(self) -> None:
         if self._held is not None:
             past, at = self._held
-            self._charts.show(past.curves, at, self._feed.status.verdict)
+            self.charts.show(past.curves, at, self._feed.status.verdict)
         elif len(self._history) > 1 and self.browsers:
-            self._charts.show(self._history.curves(), 0.0, self._feed.status.verdict)
+            self.charts.show(self._history.curves(), 0.0, self._feed.status.verdict)

@@ -65,6 +65,8 @@ TRAILS = {
 class ReplayController(Controller):
     """One session: built when the server is up, then turned over and over by the view thread."""
 
+    charts: ChartPages
+
     def __init__(
         self,
         server: viser.ViserServer,
@@ -178,7 +180,7 @@ class ReplayController(Controller):
         with side.add_tab("Findings"):
             self._findings = FindingsTab(controls, self._show_finding)
         with side.add_tab("Charts"):
-            self.charts = self._charts = ChartPages(controls)
+            self.charts = ChartPages(controls)
         with side.add_tab("Drift"):
             self._drift = controls.gui.add_html("")
 
@@ -347,7 +349,7 @@ class ReplayController(Controller):
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
         self._part = (self.player.start, self.player.end)
-        self._charts.load(display, self._flight, self._colours, self._part)
+        self.charts.load(display, self._flight, self._colours, self._part)
         below = bands(self._flight, display)
         self._panel.load(self._flight, display, below)
         self._legend()
@@ -376,7 +378,7 @@ class ReplayController(Controller):
         if self._part != (part := (self.player.start, self.player.end)):
             self._part = part
             self._timeline.choose_part()
-            self._charts.choose_part(part)
+            self.charts.choose_part(part)
         sample = self._display.at(self.player.time)
         self.draw(sample)
         if self.is_due("labels", now):
@@ -386,4 +388,4 @@ class ReplayController(Controller):
             self._panel.show(sample, self._display, self.scene.ground.cell)
             self._timeline.show()
         self.draw_trails(now, sample, self.scene.trails)
-        self.draw_charts(now, lambda: self._charts.show(sample))
+        self.draw_charts(now, lambda: self.charts.show(sample))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,9 +24,11 @@ from companion.view import (
     ReplayChoice,
     Viewer,
     chosen_track,
+    controller,
     display_trajectory,
     export,
 )
+from companion.view.panels.chart import Chart, LogChart, relayout
 from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.dead_reckoning import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
@@ -239,18 +242,17 @@ def test_a_hostile_vehicle_that_is_chosen_is_only_text(page: Page, flight: Fligh
 
 
 def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
-    relayout, laid_out = ChartPages.relayout, list[ChartPages]()
-    load, known = ChartPages.load, list[bool]()
+    laid_out, load, known = list[int](), ChartPages.load, list[bool]()
 
-    def counted(plots: ChartPages) -> None:
-        relayout(plots)
-        laid_out.append(plots)
+    def counted(charts: Sequence[Chart | LogChart]) -> None:
+        relayout(charts)
+        laid_out.append(len(charts))
 
     def loaded(plots: ChartPages, display: DisplayTrajectory, *rest: Any) -> None:
         load(plots, display, *rest)
         known.append(display.result is not None)
 
-    monkeypatch.setattr(ChartPages, "relayout", counted)
+    monkeypatch.setattr(controller, "relayout", counted)
     monkeypatch.setattr(ChartPages, "load", loaded)
     zoom = """() => Object.values(window.__viserTestpoints.uplots).map(
         p => [p.createCount, p.chart.scales.x.min, p.chart.scales.x.max])"""

@@ -1,12 +1,13 @@
-"""One chart over time: a title in which the values at the current instant stand, lines, and a line at that instant."""
+"""The charts: over time with a line at the current instant, whose values stand in the title; on logarithmic axes."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -16,7 +17,8 @@ from companion.model import Array
 from companion.present import Rgb, palette
 from companion.view.state.sending import Indices, extremes
 
-HEIGHT = 152  # pixels
+HEIGHT, LOG_HEIGHT = 152, 190  # pixels, even: see `relayout`
+LEAST = 1e-12  # of any unit: what a logarithm can show
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
 PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
 Dash = tuple[float, ...]
@@ -24,6 +26,7 @@ DASHED: Dash = (5.0, 4.0)
 DOTTED: Dash = (2.0, 4.0)
 _BORDERS = {DASHED: "dashed", DOTTED: "dotted"}
 _charts = itertools.count()
+_HIDDEN = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry
 
 
 Style = tuple[str, Rgb, float, Dash | None, float]
@@ -120,49 +123,87 @@ class Chart:
         values = "".join(_key(line, now if still else None) for line in self._drawing.lines if line.in_title)
         self._heading.content = self._legend + heading(self._drawing.title, values)
 
-    def relayout(self) -> None:
-        """See `relayout`."""
-        relayout(self.handle, HEIGHT)
-
     def _series(self) -> tuple[uplot.Series, ...]:
         return (
             uplot.Series(label=self._time),
-            *(
-                series(name, colour, width, dash, fill=palette.rgba(colour, fill) if fill else None)
-                for name, colour, width, dash, fill in self._styles
-            ),
-            series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
+            *(series(*style) for style in self._styles),
+            series("now", palette.CURSOR, 1.2, None, 0.22, scale="now"),
         )
 
 
-def relayout(handle: viser.GuiUplotHandle, height: int) -> None:
-    """Make every browser lay a chart out again, by a pixel of its height.
+LineStyle = tuple[str, Rgb, float, Dash | None]
+"""Name, colour, width in pixels, dash."""
+
+
+class LogDrawing(NamedTuple):
+    """What one chart on logarithmic axes is to show."""
+
+    title: str
+    x: str  # what the first column is
+    styles: tuple[LineStyle, ...]  # of the other columns
+    columns: tuple[Array, ...]  # each (N,)
+    points: bool = False  # whether each value is marked
+
+
+class LogChart:
+    """Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        nothing, logarithmic = np.array([1.0, 10.0]), uplot.Scale(time=False, distr=3, log=10)
+        self._heading = gui.add_html("", visible=False)
+        self.handle = gui.add_uplot(
+            (nothing, nothing),
+            (uplot.Series(label=""), _HIDDEN),
+            scales={"x": logarithmic, "y": logarithmic},
+            axes=(uplot.Axis(size=30), uplot.Axis(size=62)),
+            legend=uplot.Legend(show=True, live=True),
+            cursor=uplot.Cursor(drag={"x": False, "y": False}),
+            height=LOG_HEIGHT,
+            padding=(8, 14, 0, 0),
+            visible=False,
+        )
+
+    def draw(self, drawing: LogDrawing | None) -> None:
+        """Draw something else; None: nothing."""
+        if drawing is not None:
+            legend = legend_style([dash for *_, dash in drawing.styles])
+            self._heading.content = legend + heading(drawing.title, "")
+            lines = (series(*style, points=drawing.points) for style in drawing.styles)
+            shown = [np.maximum(column, LEAST) for column in drawing.columns]
+            self.handle.series = (uplot.Series(label=drawing.x), *lines, _HIDDEN)
+            self.handle.data = (*shown, shown[-1])
+        self._heading.visible = self.handle.visible = drawing is not None
+
+
+def relayout(charts: Iterable[Chart | LogChart]) -> None:
+    """Make every browser lay charts out again, by a pixel of their height.
 
     A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize, then
     setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes alone mends
     it, and keeps the user's zoom.
     """
-    handle.height = height + 1 if handle.height == height else height
+    for chart in charts:
+        chart.handle.height = (chart.handle.height or 0) ^ 1  # one more, and the next time one less
 
 
 def series(
     label: str,
     colour: Rgb,
     width: float,
-    dash: Dash | None = None,
+    dash: Dash | None,
+    fill: float = 0.0,
     *,
     scale: str | None = None,
-    fill: str | None = None,
     points: bool = False,
 ) -> uplot.Series:
-    """A line as uPlot wants it."""
+    """A line as uPlot wants it. fill: opacity of the area between it and zero."""
     line = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": points})
     if dash is not None:
         line["dash"] = dash
+    if fill > 0:
+        line["fill"] = palette.rgba(colour, fill)
     if scale is not None:
         line["scale"] = scale
-    if fill is not None:
-        line["fill"] = fill
     return line
 
 
@@ -172,7 +213,7 @@ def legend_style(dashes: Sequence[Dash | None]) -> str:
     rules = "".join(  # uPlot can give all markers one border: the rows are identified by their number, the first is x
         f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
         for i, dash in enumerate(dashes, start=2)
-        if dash in _BORDERS and dash is not None
+        if dash is not None
     )
     return f'<i class="{name}"></i><style>{rules}</style>'
 
@@ -239,10 +280,9 @@ class Curves:
 def curves(
     lines: Sequence[tuple[Array, Array]],
     known: tuple[Array, Array] | None = None,
-    part: tuple[float, float] | None = None,
-    most: int = MOST_POINTS,
+    part: tuple[float, float] = (-np.inf, np.inf),
 ) -> Curves:
-    """Thin lines, each times (N,) and values (N,), to `most` points on one time axis, keeping every peak of each.
+    """Thin lines, each times (N,) and values (N,), to MOST_POINTS on one time axis, keeping every peak of each.
 
     Lines with the same array of times share their points; the others are drawn straight between their own.
     known: times and flags, False (0) where the autopilot's state is not known. part: s, only what lies between two
@@ -258,7 +298,7 @@ def curves(
         gaps = known[0][cut]
         beside, flags = _edges(gaps, 1.0 - known[1][cut])
         edges = gaps[beside]
-    share = (most - len(edges)) // len(groups)
+    share = (MOST_POINTS - len(edges)) // len(groups)
     kept = [t[extremes(tuple(values), max(share, 2 * len(values) + 2))] for t, values in groups.values() if len(t)]
     times = np.unique(np.concatenate([*kept, edges]))
     drawn = tuple(np.interp(times, t, v) if len(t) else np.zeros(len(times)) for t, v in lines)
@@ -266,9 +306,7 @@ def curves(
     return Curves(times, drawn, flags[last])
 
 
-def _cut(t: Array, part: tuple[float, float] | None) -> slice:
-    if part is None:
-        return slice(0, len(t))
+def _cut(t: Array, part: tuple[float, float]) -> slice:
     low = max(int(np.searchsorted(t, part[0], side="right")) - 1, 0)
     return slice(low, min(int(np.searchsorted(t, part[1], side="left")) + 1, len(t)))
 

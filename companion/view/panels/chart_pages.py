@@ -10,12 +10,10 @@ import numpy as np
 from companion.analysis import LiveVerdict
 from companion.model import Flight
 from companion.present import Rgb, palette
-from companion.view.panels.chart import Chart, Drawing
+from companion.view.panels.chart import Chart, Drawing, LogChart, LogDrawing
 from companion.view.panels.controls import Controls
 from companion.view.panels.drawings import (
     NOISE_TITLES,
-    LogChart,
-    LogDrawing,
     drift_drawings,
     error_drawings,
     errors_over_time,
@@ -55,6 +53,7 @@ class ChartPages:
         controls.on_change(page, self.pick)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
         self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
+        self.charts: list[Chart | LogChart] = [*self._charts, *self._log_charts]
         self._hint = gui.add_html("", visible=False)
         self._display: DisplayTrajectory | None = None
         self._flight: Flight | None = None
@@ -79,12 +78,6 @@ class ChartPages:
         if page in PAGES:
             self._shown = page
             self._draw()
-
-    def relayout(self) -> None:
-        """Make every browser lay its charts out again; see Chart.relayout."""
-        every: list[Chart | LogChart] = [*self._charts, *self._log_charts]
-        for chart in every:
-            chart.relayout()
 
     def show(self, sample: Sample) -> None:
         """Move the line to `sample`."""
@@ -120,7 +113,7 @@ class LiveCharts:
         runs = {"Since anchor": lambda _: self._pick(free=False), "Free run": lambda _: self._pick(free=True)}
         controls.row("Show", runs, _ZOOM)
         self._window, self._picked, self._free = window_s, picked, False
-        self._charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
+        self.charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
 
     def show(self, curves: Curves, now: float, verdict: LiveVerdict) -> None:
         """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
@@ -137,14 +130,9 @@ class LiveCharts:
             (errors.t, known.astype(np.float64)),
             has_position=curves.has_position,
         )
-        for chart, drawing in zip_longest(self._charts, drawings):
+        for chart, drawing in zip_longest(self.charts, drawings):
             chart.draw(drawing, (-min(span, self._window), 0.0))
             chart.show(now, still=True)
-
-    def relayout(self) -> None:
-        """Make every browser lay its charts out again; see Chart.relayout."""
-        for chart in self._charts:
-            chart.relayout()
 
     def _pick(self, *, free: bool) -> None:
         self._free = free

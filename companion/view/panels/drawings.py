@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-import viser
-from viser import uplot
 
 from companion.analysis import Assessment, AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.present import AXES, QUANTITIES, Rgb, palette
-from companion.view.panels.chart import DASHED, DOTTED, Dash, Drawing, Line, heading, legend_style, relayout, series
+from companion.view.panels.chart import DASHED, DOTTED, Drawing, Line, LineStyle, LogDrawing
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors
 
 
@@ -152,64 +149,6 @@ def rates(t: Array, first: float, last: float, bins: int = BINS) -> Rates:
     for i in np.flatnonzero(end > begin + 1):  # a gap over several stretches
         gap[begin[i] : end[i] + 1] = np.maximum(gap[begin[i] : end[i] + 1], waits[i])
     return Rates((edges[:-1] + edges[1:]) / 2, hz, gap)
-
-
-LOG_HEIGHT = 190  # pixels
-LEAST = 1e-12  # of any unit: what a logarithm can show
-
-LineStyle = tuple[str, Rgb, float, Dash | None]
-"""Name, colour, width in pixels, dash."""
-
-
-class LogDrawing(NamedTuple):
-    """What one chart is to show."""
-
-    title: str
-    x: str  # what the first column is
-    styles: tuple[LineStyle, ...]  # of the other columns
-    columns: tuple[Array, ...]  # each (N,)
-    points: bool = False  # whether each value is marked
-
-
-class LogChart:
-    """Only the view thread may call it."""
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        nothing = np.array([1.0, 10.0])
-        self._heading = gui.add_html("", visible=False)
-        self._chart = gui.add_uplot(
-            (nothing, nothing),
-            (uplot.Series(label=""), _HIDDEN),
-            scales={"x": _logarithmic(), "y": _logarithmic()},
-            axes=(uplot.Axis(size=30), uplot.Axis(size=62)),
-            legend=uplot.Legend(show=True, live=True),
-            cursor=uplot.Cursor(drag={"x": False, "y": False}),
-            height=LOG_HEIGHT,
-            padding=(8, 14, 0, 0),
-            visible=False,
-        )
-
-    def draw(self, drawing: LogDrawing | None) -> None:
-        """Draw something else; None: nothing."""
-        if drawing is not None:
-            legend = legend_style([dash for *_, dash in drawing.styles])
-            self._heading.content = legend + heading(drawing.title, "")
-            lines = (series(*style, points=drawing.points) for style in drawing.styles)
-            shown = [np.maximum(column, LEAST) for column in drawing.columns]
-            self._chart.series = (uplot.Series(label=drawing.x), *lines, _HIDDEN)
-            self._chart.data = (*shown, shown[-1])
-        self._heading.visible = self._chart.visible = drawing is not None
-
-    def relayout(self) -> None:
-        """See `relayout`."""
-        relayout(self._chart, LOG_HEIGHT)
-
-
-_HIDDEN = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry
-
-
-def _logarithmic() -> uplot.Scale:
-    return uplot.Scale(time=False, distr=3, log=10)
 
 
 LEAST_DRIFT = 1e-6  # of any unit that is shown
