@@ -79,22 +79,27 @@ class ReplayController(Controller):
         display: DisplayTrajectory,
         post: Post,
     ) -> None:
-        self._flights, self._flight, self._choice, self._display = flights, flight, choice, display
+        self._flight, self._choice, self._display = flight, choice, display
         self._requested = choice  # last: what is shown may still be the one before
-        self._recompute, self._analyse, self._offer = recompute, examine, offer
+        self._recompute, self._offer = recompute, offer
         # Two workers, so that the next dead reckoning need not wait for the analysis of the one before.
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
         self.player = player = Player(display.start, display.end)
-        self._trouble = False
-        self._visited = False  # whether an address has requested an instant or an IMU
+        self._trouble = self._visited = False  # something failed; an address has requested an instant or an IMU
         self._opening = self._moment = decisive(display)  # where the page opens; what is pointed at
-        self._opened_s = player.time
         controls, gui = Controls(server.gui, post), server.gui
         # A phone shows the panels one below the other, in this order.
         self._panel = Panel(controls, flights, self.pick_flight)
         bottom, side = gui.add_panel(), gui.add_panel()
         self._add_tabs(controls, side)
+        # What makes each part of the analysis, and what takes it: the verdict is known seconds before the rest.
+        stages: tuple[tuple[Any, Callable[[Any], object]], ...] = (
+            (offer.judge, self._panel.judge),
+            (examine, self._take_result),
+            (offer.check, self._findings.checks.load),
+        )
+        self._stages = [one for one in stages if one[0] is not None]
         self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
         super().__init__(
             server,
@@ -120,8 +125,7 @@ class ReplayController(Controller):
         self._open()
         self._map = MapLayer(offer.map_url, self.scene.ground.show_map, partial(write, self.map_box), self._complain)
         controls.on_change(self.map_box, lambda shown: self._show_map(shown is True))
-        if offer.map_shown:
-            self._show_map(True)
+        self._show_map(offer.map_shown)
         self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
 
     def close(self) -> None:
@@ -146,11 +150,9 @@ class ReplayController(Controller):
         """Dead-reckon otherwise in one respect."""
         self._compute(self._flight, part(self._requested))
 
-    def pick_flight(self, index: int) -> None:
-        """Show another flight, by its place in the list."""
-        if 0 <= index < len(self._flights):
-            other = self._flights[index]
-            self._compute(other, replace(self._requested, imu=other.default_imu, others=(), start_s=None))
+    def pick_flight(self, flight: Flight) -> None:
+        """Show another flight."""
+        self._compute(flight, replace(self._requested, imu=flight.default_imu, others=(), start_s=None))
 
     def visit(self, t: str, imu: str, *, again: bool) -> None:
         """Show what an address requests, as far as there is such a thing; what a page remembers, where all is new."""
@@ -187,32 +189,29 @@ class ReplayController(Controller):
     def _add_save(self, controls: Controls) -> None:
         gui, file = controls.gui, viser.Icon.FILE_EXPORT
         with gui.add_folder("Save", expand_by_default=False):
-            picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
-            page = gui.add_button("The 3D replay (HTML)", icon=file)
-            report = gui.add_button(
-                "The report (HTML)",
-                icon=file,
-                visible=self._offer.report is not None,
-                hint="Verdict, charts and tables of what is shown, to mail or print",
-            )
-        for button, save in ((picture, self._save_picture), (page, self._save_page), (report, self._save_report)):
-            controls.on_click_in(button, save)
+            buttons = {
+                PICTURE: gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA),
+                PAGE: gui.add_button("The 3D replay (HTML)", icon=file),
+            }
+            if self._offer.report is not None:
+                hint = "Verdict, charts and tables of what is shown, to mail or print"
+                buttons[REPORT] = gui.add_button("The report (HTML)", icon=file, hint=hint)
+        for name, button in buttons.items():
+            controls.on_click_in(button, partial(self._save, name))
 
-    def _save(self, browser: int, name: str, make: Callable[[viser.ClientHandle], bytes]) -> None:
-        if client := self._server.get_clients().get(browser):
-            self._saver.save(client, name, partial(make, client))
-
-    def _save_picture(self, browser: int) -> None:
-        self._save(browser, PICTURE, partial(export.picture, dark=self.dark))
-
-    def _save_page(self, browser: int) -> None:
-        make = partial(export.replay_page, self._display, self._flight, dark=self.dark)
-        self._save(browser, PAGE, lambda _: make().encode())
-
-    def _save_report(self, browser: int) -> None:
-        if (report := self._offer.report) is not None:
-            flight, choice, display = self._flight, self._choice, self._display
-            self._save(browser, REPORT, lambda _: report(flight, choice, display).encode())
+    def _save(self, name: str, browser: int) -> None:
+        """Send a browser a file of what is shown now."""
+        client, dark, report = self._server.get_clients().get(browser), self.dark, self._offer.report
+        if client is None:
+            return
+        flight, choice, display = self._flight, self._choice, self._display
+        makers: dict[str, Callable[[], bytes]] = {
+            PICTURE: lambda: export.picture(client, dark=dark),
+            PAGE: lambda: export.replay_page(display, flight, dark=dark).encode(),
+        }
+        if report is not None:
+            makers[REPORT] = lambda: report(flight, choice, display).encode()
+        self._saver.save(client, name, makers[name])
 
     def _take(self, flight: Flight, choice: ReplayChoice, computed: DisplayTrajectory | CompanionError) -> None:
         if isinstance(computed, CompanionError):
@@ -249,16 +248,6 @@ class ReplayController(Controller):
         work, _ = self._stages[stage]
         request = partial(work, self._flight, self._choice, self._display)
         self._examiner.request(request, partial(self._take_stage, stage))
-
-    @property
-    def _stages(self) -> list[tuple[Any, Callable[[Any], object]]]:
-        """What makes each part of the analysis, and what takes it: the verdict is known seconds before the rest."""
-        stages: tuple[tuple[Any, Callable[[Any], object]], ...] = (
-            (self._offer.judge, self._panel.judge),
-            (self._analyse, self._take_result),
-            (self._offer.check, self._findings.checks.load),
-        )
-        return [one for one in stages if one[0] is not None]
 
     def _take_stage(self, stage: int, answer: Verdict | AnalysisResult | FlightChecks | CompanionError) -> None:
         work, take = self._stages[stage]
@@ -348,11 +337,9 @@ class ReplayController(Controller):
         best = result.assessment.best if result is not None else None
         third = None if best is None else best_path(self._flight, best)
         self.scene.extra_paths.load(gps_path(self._flight), third, 1e-3 * self.browsers.framing.distance)
-        self._part = (self.player.start, self.player.end)
-        self.charts.load(display, self._flight, self._colours, self._part)
+        self.charts.load(display, self._flight, self._colours, self.player.part)
         below = bands(self._flight, display)
-        self._panel.load(self._flight, display, below)
-        self._legend()
+        self._panel.load(self._flight, display, below, self._colours)
         self._adjustments.load(self._flight, self._requested, display.start)
         self.player.stops = {
             "anchor": display.replay.anchors,
@@ -366,26 +353,18 @@ class ReplayController(Controller):
         self._drift.content = drift_tab(result, self._colours)
         self.is_due.at_once()
 
-    def _legend(self) -> None:
-        extra_paths = self.scene.extra_paths
-        self._paths = extra_paths.visible
-        self._panel.introduce(self._display, self._colours, self._paths)
-        for name, there in extra_paths.there.items():
-            self.extra_path_boxes[name].visible = there
-
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
-        if self._part != (part := (self.player.start, self.player.end)):
-            self._part = part
+        if self.charts.part != self.player.part:
             self._timeline.choose_part()
-            self.charts.choose_part(part)
+            self.charts.choose_part(self.player.part)
         sample = self._display.at(self.player.time)
         self.draw(sample)
         if self.is_due("labels", now):
             self.annotate(sample)
-            if self._paths != self.scene.extra_paths.visible:
-                self._legend()
-            self._panel.show(sample, self._display, self.scene.ground.cell)
+            for name, there in self.scene.extra_paths.there.items():
+                self.extra_path_boxes[name].visible = there
+            self._panel.show(sample, self.scene.ground.cell, self.scene.extra_paths.visible)
             self._timeline.show()
         self.draw_trails(now, sample, self.scene.trails)
         self.draw_charts(now, lambda: self.charts.show(sample))

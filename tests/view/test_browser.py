@@ -142,7 +142,7 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.keyboard.press("i")
         until(lambda: viewer.player.start == pytest.approx(BOOT + 30.02), "a part from here")
         page.keyboard.press("b")
-        until(lambda: not viewer.player.is_part, "the whole again")
+        until(lambda: viewer.player.part == viewer.player.whole, "the whole again")
         page.keyboard.press("Home")
         page.get_by_role("button", name="Forward 10 s", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")

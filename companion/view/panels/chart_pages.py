@@ -58,19 +58,19 @@ class ChartPages:
         self._display: DisplayTrajectory | None = None
         self._flight: Flight | None = None
         self._colours: Mapping[str, Rgb] = {}
-        self._part = (0.0, 1.0)
+        self.part = (0.0, 1.0)  # s, boot clock, that is shown
         self._shown, self._now = next(iter(PAGES)), 0.0
 
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
     ) -> None:
         """Draw another trajectory, between two times (s, boot clock)."""
-        self._display, self._flight, self._colours, self._part = display, flight, colours, part
+        self._display, self._flight, self._colours, self.part = display, flight, colours, part
         self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:
         """Show what lies between two times (s, boot clock), thinned anew: the shorter, the finer."""
-        self._part = part
+        self.part = part
         self._draw()
 
     def pick(self, page: str) -> None:
@@ -90,7 +90,7 @@ class ChartPages:
             return
         drawn = PAGES[self._shown](self._display, self._flight, self._colours)
         for chart, drawing in zip_longest(self._charts, (one for one in drawn if isinstance(one, Drawing))):
-            chart.draw(drawing, self._part)
+            chart.draw(drawing, self.part)
         for log_chart, log in zip_longest(self._log_charts, (one for one in drawn if isinstance(one, LogDrawing))):
             log_chart.draw(log)
         self._hint.visible = not drawn

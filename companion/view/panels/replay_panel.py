@@ -23,21 +23,20 @@ from companion.view.state.trajectory import DisplayTrajectory, Sample
 class Panel:
     """What is read first: who is who, the verdict, the numbers. Built once; `load` fits it to a flight."""
 
-    def __init__(self, controls: Controls, flights: Sequence[Flight], pick: Callable[[int], object]) -> None:
-        """pick: called with the place in the list of the flight that is chosen."""
+    def __init__(self, controls: Controls, flights: Sequence[Flight], pick: Callable[[Flight], object]) -> None:
+        """pick: called with the flight that is chosen."""
         gui = controls.gui
-        self._flight, self._lasting = flights[0], Bands()
-        self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
+        self._flights = {f"{i}: {_title(flight)}": flight for i, flight in enumerate(flights, 1)}
         self._banner = gui.add_html("")
-        self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
+        self._pick = gui.add_dropdown("Flight", tuple(self._flights), visible=len(flights) > 1)
         self._numbers = gui.add_html("")
         self._status = gui.add_html("")
         self._legend = gui.add_html("")
-        controls.on_change(self._pick, lambda name: pick(int(name.split(":")[0]) - 1))
+        controls.on_change(self._pick, lambda name: pick(self._flights[name]))
 
-    def load(self, flight: Flight, display: DisplayTrajectory, lasting: Bands) -> None:
+    def load(self, flight: Flight, display: DisplayTrajectory, lasting: Bands, colours: Mapping[str, Rgb]) -> None:
         """Fit it to what is shown now. Values set here come back as no change."""
-        self._flight, self._lasting = flight, lasting
+        self._flight, self._display, self._lasting, self._colours = flight, display, lasting, colours
         self.choose_flight(flight)
         if display.result is not None:
             self.judge(display.result.assessment.verdict)
@@ -47,23 +46,21 @@ class Panel:
         head = headline(verdict)
         self._banner.content = banner(verdict.status, head.sentence, head.detail, head.probability)
 
-    def introduce(
-        self, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]
-    ) -> None:
-        """Write the legend. extra_paths: those that are shown besides."""
-        self._legend.content = _legend(self._flight, display, colours, extra_paths)
-
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
         self._banner.content = banner("", text)
 
     def choose_flight(self, flight: Flight) -> None:
         """Show which flight it is: another may have been requested in vain."""
-        write(self._pick, self._names[id(flight)])
+        write(self._pick, next(name for name, one in self._flights.items() if one is flight))
 
-    def show(self, sample: Sample, display: DisplayTrajectory, cell: float) -> None:
-        """Write the instant, and the side of the grid's squares (m), into the numbers."""
-        has_position = display.replay.has_position
+    def show(self, sample: Sample, cell: float, extra_paths: Collection[ExtraPath]) -> None:
+        """Write the instant, the side of the grid's squares (m), and who is who.
+
+        extra_paths: those that are shown besides.
+        """
+        display, has_position = self._display, self._display.replay.has_position
+        self._legend.content = _legend(self._flight, display, self._colours, extra_paths)
         self._numbers.content = (
             errors_table(sample, display)
             + horizon_table(sample, display)
@@ -86,16 +83,14 @@ def identity(flight: Flight) -> str:
 
 
 def _title(flight: Flight) -> str:
-    vehicle = flight.vehicle
-    return f"vehicle {vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
+    return f"vehicle {flight.vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
 
 
 def _legend(
     flight: Flight, display: DisplayTrajectory, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]
 ) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
-    vehicle, source = flight.vehicle, display.source
-    line = "width:1em;height:0.25em"
+    source, line = display.source, "width:1em;height:0.25em"
     rows = [
         f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, dead-reckoned from its readings",
         *(f"{swatch(colours[name])}{escape(name)}, likewise" for name in display.others),
@@ -110,9 +105,7 @@ def _legend(
     else:
         rows.append("This log has no position: only the attitudes are compared.")
     rows += [f"{mark}{EXTRA_PATHS[name][0]}" for name, mark in _EXTRA_PATHS.items() if name in extra_paths]
-    who = (
-        f"{escape(vehicle_words(vehicle))}, vehicle {escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s"
-    )
+    who = escape(f"{vehicle_words(flight.vehicle)}, {_title(flight)}")
     return (
         f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}">'
         f"{block(lines([who, *rows]))}</div>"

@@ -41,13 +41,10 @@ class Timeline:
         """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
         gui, on = controls.gui, controls.on_change
         self._player = player
-        self._span = (player.first, player.last)  # what the strip shows
-        self._near = self._span  # about what is pointed at
+        self._span = self._near = player.whole  # what the strip shows; about what is pointed at
         self._moment: Moment | None = None
         self._played: tuple[float, float] | None = None
-        self._curve: ErrorCurve | None = None
-        self._colour = palette.IMU
-        actions = _actions(player, self.play, self.zoom)
+        self._actions = _actions(player, self.play, self.zoom)
         with panel.add_tab("Timeline", viser.Icon.TIMELINE):
             self._transport = gui.add_html(_STYLE)
             self._key = gui.add_html("")
@@ -69,15 +66,12 @@ class Timeline:
                 "Play and plot only a part of the flight. Keys: I, O, B",
             )
             self._event = gui.add_dropdown("Go to", (NO_MARK,))
-        self._marks: list[Mark] = []
-        self._anchors: Sequence[float] = ()
-        self._bands = Bands()
         on(self._time, lambda t: player.seek(float(t)))
         on(speed, lambda name: setattr(player, "speed", float(name.rstrip("×"))))
         on(loop, partial(setattr, player, "loop"))
         on(backwards, partial(setattr, player, "backwards"))
         on(self._event, self._go_to)
-        for one in actions:
+        for one in self._actions:
             controls.command(one.name, one.key, one.do, shift=one.shift)
         for name, (key, mode) in CAMERAS.items():
             controls.command_in(name, key, partial(choose_camera, mode))
@@ -85,44 +79,34 @@ class Timeline:
             controls.command(f"To {i} tenths", key, partial(player.seek_share, i / 10))
 
     def load(
-        self, marks: Sequence[Mark], anchors: Sequence[float], bands: Bands, curve: ErrorCurve | None, colour: Rgb
+        self, marks: Sequence[Mark], anchors: Sequence[float], bands: Bands, curve: ErrorCurve, colour: Rgb
     ) -> None:
         """Fit the controls to what is shown now. Values set here come back as no change.
 
         curve: the error that the strip shows, in the colour of its IMU.
         """
-        player, self._marks, self._anchors, self._bands = self._player, list(marks), anchors, bands
-        self._curve, self._colour = curve, colour
+        self._marks, self._anchors, self._bands, self._curve, self._colour = marks, anchors, bands, curve, colour
         names = (f"{i}: {mark.t:.1f} s, {short(mark.label)}" for i, mark in enumerate(self._marks[:MOST_MARKS], 1))
         self._event.options = (NO_MARK, *names)
-        self._show_span(player.first, player.last)
+        self._show_span(*self._player.whole)
 
-    def point(self, moment: Moment | None, curve: ErrorCurve | None, played: tuple[float, float] | None) -> None:
+    def point(self, moment: Moment, curve: ErrorCurve, played: tuple[float, float]) -> None:
         """Show the error in which a stretch shows, with the stretch, closer in a long log; offer to play some of it."""
         self._moment, self._curve, self._played = moment, curve, played
-        player = self._player
-        low, high = player.first, player.last
-        if moment is not None and played is not None:
-            begin, end = min(moment.onset_s, played[0]), max(moment.end_s, played[1])
-            wide = max(LEAST_S, ZOOMED / 2 * (end - begin))
-            if wide < (high - low) / 2:
-                middle = min(max((begin + end) / 2, low + wide / 2), high - wide / 2)
-                low, high = middle - wide / 2, middle + wide / 2
+        low, high = self._player.whole
+        begin, end = min(moment.onset_s, played[0]), max(moment.end_s, played[1])
+        wide = max(LEAST_S, ZOOMED / 2 * (end - begin))
+        if wide < (high - low) / 2:
+            middle = min(max((begin + end) / 2, low + wide / 2), high - wide / 2)
+            low, high = middle - wide / 2, middle + wide / 2
         self._near = (low, high)
-        if moment is not None and moment.of_finding:
-            self._show_span(low, high)
-        else:
-            self._show_span(player.first, player.last)
-
-    @property
-    def _is_whole(self) -> bool:
-        return self._span == (self._player.first, self._player.last)
+        self._show_span(*(self._near if moment.of_finding else self._player.whole))
 
     def zoom(self) -> None:
         """Show the whole time, or what is about the part that is pointed at, else about the instant."""
         player, (low, high) = self._player, self._near
-        if not self._is_whole:
-            low, high = player.first, player.last
+        if self._span != player.whole:
+            low, high = player.whole
         elif not low <= player.time <= high:
             wide = high - low
             low = min(max(player.time - wide / 2, player.first), player.last - wide)
@@ -152,7 +136,7 @@ class Timeline:
         shown = [t for t in self._anchors if low <= t <= high]
         anchors = [Mark(t, "the IMU restarts from the autopilot's state here", "anchor")
                    for t in (shown if len(shown) <= MOST_ANCHORS else ())]  # fmt: skip
-        part = (max(player.start, low), min(player.end, high)) if player.is_part else None
+        part = (max(player.start, low), min(player.end, high)) if player.part != player.whole else None
         self._key.content = (
             f'<div class="companion-key">{legend(self._bands, self._curve, self._colour, self._moment)}</div>'
         )
@@ -169,10 +153,11 @@ class Timeline:
         player = self._player
         low, high = self._span
         if not low - 0.01 <= player.time <= high + 0.01:
-            self._show_span(player.first, player.last)
+            self._show_span(*player.whole)
         write(self._time, round(player.time, 2))
-        zoom = "" if self._near == (player.first, player.last) else "Zoom in" if self._is_whole else "Whole flight"
-        self._transport.content = _STYLE + _transport(player, zoom, offered=self._played is not None)
+        zoom = "" if self._near == player.whole else "Zoom in" if self._span == player.whole else "Whole flight"
+        offered = self._played is not None
+        self._transport.content = _STYLE + _transport(self._actions, zoom, playing=player.playing, offered=offered)
 
     def _go_to(self, name: str) -> None:
         """To the event of which an entry of the list begins with the number."""
@@ -199,9 +184,9 @@ class Action(NamedTuple):
     icon: str
     name: str
     key: Key
-    shift: bool
     do: Call
     kind: str = ""  # class of the button: "fine" is left out on a phone
+    shift: bool = False
 
 
 def _actions(player: Player, play: Call, zoom: Call) -> tuple[Action, ...]:
@@ -209,24 +194,24 @@ def _actions(player: Player, play: Call, zoom: Call) -> tuple[Action, ...]:
     seek, step = player.seek_share, player.step
     back, on = partial(player.jump, forward=False), partial(player.jump, forward=True)
     return (
-        Action(f"{_PLAY} Play these {PLAYED_S:g} s", f"Play these {PLAYED_S:g} s", "P", False, play, "main"),
-        Action(_START, "To the start", "home", False, partial(seek, 0.0)),
-        Action("‹ event", "Previous event", "arrowup", False, partial(back, "event")),
-        Action("‹ anchor", "Previous anchor", "pageup", False, partial(back, "anchor"), "fine"),
-        Action("−10", "Back 10 s", "J", False, partial(step, -10.0)),
-        Action("−1", "Back 1 s", "arrowleft", False, partial(step, -1.0), "fine"),
-        Action("‹", "Back one IMU sample", "arrowleft", True, partial(back, "sample"), "fine"),
-        Action(_PLAY, "Play or pause", "space", False, player.toggle),
-        Action("›", "Forward one IMU sample", "arrowright", True, partial(on, "sample"), "fine"),
-        Action("+1", "Forward 1 s", "arrowright", False, partial(step, 1.0), "fine"),
-        Action("+10", "Forward 10 s", "L", False, partial(step, 10.0)),
-        Action("anchor ›", "Next anchor", "pagedown", False, partial(on, "anchor"), "fine"),
-        Action("event ›", "Next event", "arrowdown", False, partial(on, "event")),
-        Action(_END, "To the end", "end", False, partial(seek, 1.0)),
-        Action("", "Zoom the strip", "Z", False, zoom),
-        Action("", "Part: from here", "I", False, partial(player.cut, "from")),
-        Action("", "Part: to here", "O", False, partial(player.cut, "to")),
-        Action("", "Part: the whole", "B", False, partial(player.cut, "whole")),
+        Action(f"{_PLAY} Play these {PLAYED_S:g} s", f"Play these {PLAYED_S:g} s", "P", play, "main"),
+        Action(_START, "To the start", "home", partial(seek, 0.0)),
+        Action("‹ event", "Previous event", "arrowup", partial(back, "event")),
+        Action("‹ anchor", "Previous anchor", "pageup", partial(back, "anchor"), "fine"),
+        Action("−10", "Back 10 s", "J", partial(step, -10.0)),
+        Action("−1", "Back 1 s", "arrowleft", partial(step, -1.0), "fine"),
+        Action("‹", "Back one IMU sample", "arrowleft", partial(back, "sample"), "fine", shift=True),
+        Action(_PLAY, "Play or pause", "space", player.toggle),
+        Action("›", "Forward one IMU sample", "arrowright", partial(on, "sample"), "fine", shift=True),
+        Action("+1", "Forward 1 s", "arrowright", partial(step, 1.0), "fine"),
+        Action("+10", "Forward 10 s", "L", partial(step, 10.0)),
+        Action("anchor ›", "Next anchor", "pagedown", partial(on, "anchor"), "fine"),
+        Action("event ›", "Next event", "arrowdown", partial(on, "event")),
+        Action(_END, "To the end", "end", partial(seek, 1.0)),
+        Action("", "Zoom the strip", "Z", zoom),
+        Action("", "Part: from here", "I", partial(player.cut, "from")),
+        Action("", "Part: to here", "O", partial(player.cut, "to")),
+        Action("", "Part: the whole", "B", partial(player.cut, "whole")),
     )
 
 
@@ -234,15 +219,15 @@ _KEYS = {"arrowleft": "←", "arrowright": "→", "arrowup": "↑", "arrowdown":
          "pagedown": "Page down", "home": "Home", "end": "End", "space": "space"}  # fmt: skip
 
 
-def _transport(player: Player, zoom: str, *, offered: bool) -> str:
+def _transport(actions: Sequence[Action], zoom: str, *, playing: bool, offered: bool) -> str:
     """The row of buttons. Each presses a key of the page: see page_head.js. zoom: what its button says, "" for none."""
     buttons = []
-    for one in _actions(player, player.toggle, player.toggle):
+    for one in actions:
         icon, name = zoom if one.key == "Z" else one.icon, one.name
         if not icon or (one.kind == "main" and not offered):
             continue
         if one.key == "space":
-            icon, name = (_PAUSE, "Pause") if player.playing else (_PLAY, "Play")
+            icon, name = (_PAUSE, "Pause") if playing else (_PLAY, "Play")
         buttons.append(_button(icon, name, one.key, shift=one.shift, kind=one.kind))
     buttons.append('<span class="gap"></span>')
     buttons += [

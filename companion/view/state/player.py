@@ -60,9 +60,14 @@ class Player:
         self.choose_part(low, high)
 
     @property
-    def is_part(self) -> bool:
-        """Whether less than the whole is played."""
-        return self.start > self.first or self.end < self.last
+    def part(self) -> tuple[float, float]:
+        """From when to when it is played, s."""
+        return self.start, self.end
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """From when to when it could be played, s."""
+        return self.first, self.last
 
     @property
     def duration(self) -> float:

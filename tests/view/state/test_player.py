@@ -92,13 +92,13 @@ def test_a_part_is_played_and_nothing_else() -> None:
     player = playing()
     player.loop = True
     player.choose_part(16.0, 12.0)  # in either order
-    assert (player.start, player.end, player.time, player.is_part) == (12.0, 16.0, 12.0, True)
+    assert (player.part, player.time) == ((12.0, 16.0), 12.0)
     player.advance(5.0)
     assert player.time == pytest.approx(13.0)
     player.seek(19.0)
     assert player.time == 16.0
     player.choose_part(14.0, 14.0)
-    assert (player.start, player.end, player.is_part) == (10.0, 20.0, False)
+    assert player.part == player.whole == (10.0, 20.0)
 
 
 def test_the_part_outlives_a_new_reckoning_of_the_same_flight_and_not_another_flight() -> None:
@@ -107,7 +107,7 @@ def test_the_part_outlives_a_new_reckoning_of_the_same_flight_and_not_another_fl
     player.load(13.0, 20.0, time=14.0)
     assert (player.start, player.end) == (13.0, 16.0)
     player.load(100.0, 120.0)
-    assert (player.start, player.end, player.is_part) == (100.0, 120.0, False)
+    assert player.part == player.whole == (100.0, 120.0)
 
 
 def test_loading_keeps_the_place_where_it_can() -> None:
