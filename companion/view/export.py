@@ -6,7 +6,6 @@ import io
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +90,6 @@ def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = Fals
         close_server(server)
 
 
-_FLOAT32 = np.dtype(np.float32).str
 _POSES = {"wxyz": "SetOrientationMessage", "position": "SetPositionMessage"}
 
 
@@ -118,7 +116,8 @@ class Recording:
             rounded = value.astype(np.float32)
             message: dict[str, object]
             if name == "points":
-                message = {"type": "SceneNodeUpdateMessage", "updates": {name: self._buffered(rounded)}}
+                buffered = {"__binary_index": self._place(rounded.data), "dtype": rounded.dtype.str}
+                message = {"type": "SceneNodeUpdateMessage", "updates": {name: buffered}}
             else:
                 message = {"type": _POSES[name], name: rounded.tolist()}
             message["name"], message["owner"] = node.name, ""
@@ -131,10 +130,6 @@ class Recording:
     def html(self, *, dark: bool) -> str:
         """The page. To be called once."""
         return self._recorded.as_html(dark_mode=dark).replace("<head>", f"<head>{script_of('dark_names.js')}", 1)
-
-    def _buffered(self, array: np.ndarray[Any, Any]) -> dict[str, object]:
-        """Where the bytes of an array are in the recording."""
-        return {"__binary_index": self._place(array.data), "dtype": _FLOAT32}
 
     def _place(self, buffer: memoryview) -> int:
         """Where these bytes are, each kept once: what is there twice viser looks for in every message at the end."""

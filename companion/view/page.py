@@ -48,13 +48,16 @@ class Page(Generic[Behind]):
         or_next: bool = True,
         token: bool = False,
     ) -> None:
-        self._address = find_address(host, port, or_next=or_next, token=token)
+        address = find_address(host, port, or_next=or_next, token=token)
         self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
         self._called = threading.Event()  # there is a call, or it is stopped
         self._server = open_server(
-            self._address, lambda t, imu, again: self.post(lambda: self.controller.visit(t, imu, again=again))
+            address, lambda t, imu, again: self.post(lambda: self.controller.visit(t, imu, again=again))
         )
-        self._address = replace(self._address, port=self._server.get_port())
+        address = replace(address, port=self._server.get_port())  # the one that is really used
+        self.port = address.port
+        self.url = address.url  # what to open in a browser on this machine
+        self.warning = address.warning  # a sentence for the user when others can reach the page, else None
         self._stopping = threading.Event()
         self._closed = False
         self._failure: BaseException | None = None
@@ -81,26 +84,6 @@ class Page(Generic[Behind]):
         """Do what a control of the page would do, without waiting for the next turn."""
         self._calls.put(call)
         self._called.set()
-
-    @property
-    def port(self) -> int:
-        """The port that is really used."""
-        return self._address.port
-
-    @property
-    def url(self) -> str:
-        """What to open in a browser on this machine."""
-        return self._address.url
-
-    @property
-    def warning(self) -> str | None:
-        """A sentence for the user when others can reach the page, else None."""
-        return self._address.warning
-
-    @property
-    def browsers(self) -> int:
-        """How many pages are open."""
-        return len(self.controller.browsers)
 
     @property
     def stopped(self) -> bool:

@@ -380,7 +380,7 @@ def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, fl
         until(lambda: page.evaluate("localStorage['companion-views'] ?? ''").count('"110'), "the view is remembered")
     with Viewer([flight], recompute, examine, port=port) as viewer:
         assert viewer.port == port
-        until(lambda: viewer.browsers == 1, "the page comes back")
+        until(lambda: len(viewer.controller.browsers) == 1, "the page comes back")
         begin(viewer)
         page.get_by_role("button", name="Forward 10 s", exact=True).click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
@@ -396,7 +396,7 @@ def test_a_page_with_a_token_is_opened_and_opened_again(wide_page: Page, flight:
         assert wide_page.url == viewer.url.partition("?")[0]
         wide_page.reload()
         expect(wide_page.get_by_role("button", name="Play", exact=True)).to_be_visible()
-        assert viewer.browsers == 1
+        assert len(viewer.controller.browsers) == 1
 
 
 def test_it_opens_at_the_fault_plays_what_led_to_it_and_goes_to_a_findings_worst(page: Page, flight: Flight) -> None:

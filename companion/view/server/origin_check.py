@@ -76,10 +76,11 @@ def is_own_page(host: str | None, origin: str | None, names: frozenset[str]) -> 
     An address in numbers cannot be rebound, so any is right: the port may be forwarded from another machine. Programs
     send no `Origin`; browsers always do when they open a WebSocket.
     """
-    if host is None:
+    try:
+        name = urlsplit(f"//{host or ''}").hostname or ""
+    except ValueError:
         return False
-    name = _name(f"//{host}")
-    if name is None or not (name in names or _is_number(name)):
+    if name not in names and not _is_number(name):
         return False
     return origin is None or (origin.startswith(("http://", "https://")) and urlsplit(origin).netloc == host)
 
@@ -234,13 +235,6 @@ def _bearer(headers: Headers) -> str:
     """What a program sends in `Authorization: Bearer TOKEN`."""
     scheme, _, token = (headers.get("Authorization") or "").partition(" ")
     return token if scheme.lower() == "bearer" else ""
-
-
-def _name(url: str) -> str | None:
-    try:
-        return urlsplit(url).hostname
-    except ValueError:
-        return None
 
 
 def _is_number(name: str) -> bool:
