@@ -23,6 +23,7 @@ STILL: tuple[CameraMode, ...] = ("Free", "Map")
 """In these the world stands still."""
 
 FIELD_OF_VIEW = np.radians(45.0)  # vertical
+TANGENT = float(np.tan(FIELD_OF_VIEW / 2))  # half the height of what is seen, by its distance
 
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
 MARGIN = 0.9  # share of the picture that a flight may fill
@@ -33,6 +34,7 @@ ENOUGH = 5000  # points of a path to frame it by
 NARROW_COVERED, NARROW_AWAY = 0.6, 1.9  # the same of a phone held upright, and how much farther away that is
 ROOM = 1.6  # times how far apart both drones are, the width that a camera that follows them shows at least
 OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
+DOWN = (0.0, 89.0)  # not quite: straight down the camera would not know which way is up, and north must be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,26 +154,20 @@ def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camer
     """Where a browser's camera starts in `mode`. narrow: on a phone, whose panel covers more than half of it."""
     distance = framing.distance * (NARROW_AWAY if narrow else 1.0)
     covered = NARROW_COVERED if narrow else COVERED
-    near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
-    if mode in STILL:
-        # The map: not quite straight down, for there the camera would not know which way is up, and north must be.
-        towards = _direction(*OVERVIEW) if mode == "Free" else _direction(azimuth=0.0, elevation=89.0)
+    close = min(max(0.45 * distance, 8.0), 60.0)
+    angles, away = {
+        "Free": (OVERVIEW, distance),
+        "Follow": ((25.0, 25.0), close),
+        "Chase": ((0.0, 18.0), 0.6 * close),
+        "From above": (DOWN, 0.8 * distance),
+        "Map": (DOWN, distance),
+    }[mode]
+    towards = _direction(*angles)
+    look_at = framing.centre if mode in STILL else np.zeros(3)
+    if mode in STILL or narrow:
         # Everything moves up by what is covered below: the camera looks at what is that much lower.
-        lower = covered * float(np.tan(FIELD_OF_VIEW / 2)) * distance * _upright(towards)
-        look_at, away = framing.centre - lower, distance * towards
-    else:
-        look_at = np.zeros(3)
-        close = min(max(0.45 * distance, 8.0), 60.0)
-        if mode == "Follow":
-            away = close * _direction(azimuth=25.0, elevation=25.0)
-        elif mode == "Chase":
-            away = 0.6 * close * _direction(azimuth=0.0, elevation=18.0)
-        else:
-            away = 0.8 * distance * _direction(azimuth=0.0, elevation=89.0)
-        if narrow:
-            look_at = -covered * float(np.tan(FIELD_OF_VIEW / 2)) * screen_up(-away)
-            look_at *= float(np.linalg.norm(away)) / max(float(np.linalg.norm(screen_up(-away))), 1e-9)
-    return Camera(look_at + away, look_at, near, far)
+        look_at = look_at - covered * TANGENT * away * _upright(towards)
+    return Camera(look_at + away * towards, look_at, max(distance / 2000, 0.01), 60 * distance + 2000.0)
 
 
 def world(mode: CameraMode, sample: Sample) -> Pose:
@@ -198,13 +194,13 @@ def step_back(mode: CameraMode, eye: Array, sample: Sample) -> Array | None:
     if mode != "Follow":
         return None
     distance = float(np.linalg.norm(eye))
-    least = ROOM * sample.position_m / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * min(ASPECT, 1.0))
+    least = ROOM * sample.position_m / (2 * TANGENT * ASPECT)
     return None if distance >= least or distance == 0 else np.asarray(eye * (1.25 * least / distance))
 
 
 def readable_span(distance: float, true_span: float, size: float) -> float:
     """How large to draw a vehicle seen from `distance` m so that its attitude can be read; never below true size."""
-    return max(true_span, 0.075 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
+    return max(true_span, 0.075 * size * distance * 2 * TANGENT)
 
 
 def screen_up(line_of_sight: Array) -> Array:
@@ -224,11 +220,11 @@ def _distance(offsets: Array) -> float:
     towards = _direction(*OVERVIEW)
     up = _upright(towards)
     right = np.cross(towards, up)
-    tangent, low = float(np.tan(FIELD_OF_VIEW / 2)), (1 - 2 * COVERED) * MARGIN
+    low = (1 - 2 * COVERED) * MARGIN
     near, above = offsets @ towards, offsets @ up
-    aside = near + np.abs(offsets @ right) / (MARGIN * tangent * ASPECT)
-    top = (above / tangent + MARGIN * near) / (MARGIN - COVERED)
-    bottom = (-above / tangent + low * near) / (low + COVERED)
+    aside = near + np.abs(offsets @ right) / (MARGIN * TANGENT * ASPECT)
+    top = (above / TANGENT + MARGIN * near) / (MARGIN - COVERED)
+    bottom = (-above / TANGENT + low * near) / (low + COVERED)
     return float(np.max([aside, top, bottom]))
 
 

@@ -18,6 +18,9 @@ WORLD = "/world"
 """Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
 AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
 """The drones' places: what hangs on them moves with them, but does not turn."""
+NEARER, NEARER_SCALE = f"{WORLD}/nearer", 0.998
+"""The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
+It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
 
 
 class Move(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view.scene.cameras import FIELD_OF_VIEW, UNMOVED, Camera, Pose, screen_up
+from companion.view.scene.cameras import TANGENT, UNMOVED, Camera, Pose, screen_up
 
 EM = 12.0  # pixels of viser's labels, times their scale
 _LETTER, _LINE = 0.6, 1.6  # em: the width of a letter, the height of a line with its ground
@@ -45,7 +45,7 @@ class Picture:
         depth = float(offset @ along)
         if depth <= 0:
             return None
-        scale = self.size[1] / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * depth)
+        scale = self.size[1] / (2 * TANGENT * depth)
         return np.array([scale * float(offset @ np.cross(along, up)), scale * float(offset @ up)])
 
     def around(self, point: Array, metres: float) -> Box | None:
@@ -54,7 +54,7 @@ class Picture:
         if place is None:
             return None
         depth = float(np.linalg.norm(self.pose.apply(point) - self.eye))
-        half = metres / 2 * self.size[1] / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * depth)
+        half = metres / 2 * self.size[1] / (2 * TANGENT * depth)
         return Box(place - half, place + half)
 
     def box(self, name: viser.LabelHandle, place: Array) -> Box | None:

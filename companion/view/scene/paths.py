@@ -12,6 +12,7 @@ from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME
 from companion.view.scene.cameras import between
+from companion.view.scene.drone import NEARER, NEARER_SCALE
 from companion.view.scene.names import Placed
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
@@ -31,16 +32,15 @@ DASHES = 240
 class Overview:
     """The autopilot's path in the colours of its error, the IMU's since the anchor, and thick the worst stretch.
 
-    nearer: the node under which lines of this scale cover what lies behind them, see `scene.NEARER`. Only the view
-    thread may call it.
+    Only the view thread may call it.
     """
 
-    def __init__(self, scene: viser.SceneApi, root: str, nearer: str, scale: float) -> None:
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._scene, self._name = scene, f"{root}/path_autopilot"
         self._arc = add_lines(scene, f"{root}/path_imu", _PALE, 2.5)
         self._worst = {
             "imu": add_lines(scene, f"{root}/worst_imu", _PALE, 7.0),
-            "autopilot": add_lines(scene, f"{nearer}/worst_autopilot", _PALE, 3.0, scale=scale),
+            "autopilot": add_lines(scene, f"{NEARER}/worst_autopilot", _PALE, 3.0, scale=NEARER_SCALE),
         }
         self._apart = add_lines(scene, f"{root}/worst_apart", palette.DIFFERENCE, 4.0)
         self._label = scene.add_label(

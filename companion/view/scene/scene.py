@@ -10,7 +10,7 @@ import viser
 from companion.model import Array
 from companion.present import Rgb, length, palette
 from companion.view.scene.cameras import Framing
-from companion.view.scene.drone import AUTOPILOT, IMU, WORLD, Arrows, Body, Ellipsoid, Move
+from companion.view.scene.drone import AUTOPILOT, IMU, NEARER, NEARER_SCALE, WORLD, Arrows, Body, Ellipsoid, Move
 from companion.view.scene.ground import Ground
 from companion.view.scene.names import Picture, give_way
 from companion.view.scene.paths import ExtraPaths, Overview
@@ -20,10 +20,6 @@ from companion.view.state.sending import by_shape
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
 NAME = 0.42  # spans from a drone to its name
-NEARER = 0.998
-"""The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
-It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
-_NEARER = f"{WORLD}/nearer"
 
 
 class Scene:
@@ -41,12 +37,12 @@ class Scene:
         self.ground = Ground(scene, WORLD)
         self.autopilot = Body(scene, AUTOPILOT, "Autopilot", palette.AUTOPILOT, drone, ghost=True)
         self.imu = Body(scene, IMU, "IMU alone", palette.IMU, drone, ghost=False)
-        self._nearer = scene.add_frame(_NEARER, show_axes=False)
-        self.overview = Overview(scene, f"{WORLD}/overview", _NEARER, NEARER)
+        self._nearer = scene.add_frame(NEARER, show_axes=False)
+        self.overview = Overview(scene, f"{WORLD}/overview")
         self.extra_paths = ExtraPaths(scene, f"{WORLD}/extra")
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
         self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
-        self._trail = Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER)
+        self._trail = Trail(scene, f"{NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER_SCALE)
         # Of the IMU that is chosen, then of the others: as many as were ever shown at once, reused.
         self._imus = [(self.imu, Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5))]
         self._scene, self._label = scene, "IMU"
@@ -113,7 +109,7 @@ class Scene:
 
     def seen_from(self, eye: Array) -> None:
         """The camera is at (3,) NED, m: see `NEARER`."""
-        place = (1.0 - NEARER) * eye
+        place = (1.0 - NEARER_SCALE) * eye
         if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
             self._nearer.position = place
 

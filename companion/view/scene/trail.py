@@ -35,7 +35,7 @@ NOTHING: Segments = np.zeros((1, 2, 3), dtype=np.float32)
 def add_lines(
     scene: viser.SceneApi, name: str, colour: Rgb, thickness: float, *, scale: float = 1.0, visible: bool = False
 ) -> viser.LineSegmentsHandle:
-    """A node of lines so many pixels thick, with none yet. scale: see `scene.NEARER`."""
+    """A node of lines so many pixels thick, with none yet. scale: see `drone.NEARER`."""
     return scene.add_line_segments(
         name, NOTHING, colour, thickness=thickness, thickness_units="screen", scale=scale, visible=visible
     )
@@ -83,7 +83,7 @@ def simplified(t: Array, positions: Array, restarts: Indices, outline: Indices |
 class Trail:
     """The part of a track between two times. The nodes are made once and reused for every track that is loaded.
 
-    scale: of the lines, see `scene.NEARER`. chunks: how many lines.
+    scale: of the lines, see `drone.NEARER`. chunks: how many lines.
     """
 
     def __init__(
