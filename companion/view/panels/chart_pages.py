@@ -55,18 +55,14 @@ class ChartPages:
         self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
         self.charts: list[Chart | LogChart] = [*self._charts, *self._log_charts]
         self._hint = gui.add_html("", visible=False)
-        self._display: DisplayTrajectory | None = None
-        self._flight: Flight | None = None
-        self._colours: Mapping[str, Rgb] = {}
-        self.part = (0.0, 1.0)  # s, boot clock, that is shown
         self._shown, self._now = next(iter(PAGES)), 0.0
 
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
     ) -> None:
         """Draw another trajectory, between two times (s, boot clock)."""
-        self._display, self._flight, self._colours, self.part = display, flight, colours, part
-        self._draw()
+        self._display, self._flight, self._colours = display, flight, colours
+        self.choose_part(part)
 
     def choose_part(self, part: tuple[float, float]) -> None:
         """Show what lies between two times (s, boot clock), thinned anew: the shorter, the finer."""
@@ -86,8 +82,6 @@ class ChartPages:
             chart.show(sample.t, still=still)
 
     def _draw(self) -> None:
-        if self._display is None or self._flight is None:
-            return
         drawn = PAGES[self._shown](self._display, self._flight, self._colours)
         for chart, drawing in zip_longest(self._charts, (one for one in drawn if isinstance(one, Drawing))):
             chart.draw(drawing, self.part)

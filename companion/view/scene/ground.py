@@ -7,7 +7,6 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
-from companion.view.scene.names import Placed
 from companion.view.scene.trail import add_lines
 from companion.view.state.places import MapPicture
 
@@ -61,10 +60,9 @@ class Ground:
                 lines.points, name.position = (below + ends).astype(np.float32), below
 
     @property
-    def names(self) -> list[tuple[Placed, bool]]:
+    def names(self) -> list[tuple[viser.LabelHandle, bool]]:
         """What is written on it, and whether there is such a thing."""
-        crosses = [((name, name.position), lines.visible) for lines, name in self._crosses]
-        return [*crosses, ((self._north_name, self._north_name.position), True)]
+        return [*((name, lines.visible) for lines, name in self._crosses), (self._north_name, True)]
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""

@@ -78,15 +78,14 @@ def unseen(camera: Camera) -> Picture:
     return Picture(camera.position, camera.look_at, (1280.0, 800.0))
 
 
-Placed = tuple[viser.LabelHandle, Array]
-"""A name and where it stands, NED, m."""
+def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tuple[viser.LabelHandle, bool]]) -> None:
+    """Show those names, if they are wanted, that lie on nothing that is taken, nor on one before them.
 
-
-def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tuple[Placed, bool]]) -> None:
-    """Show those names, if they are wanted, that lie on nothing that is taken, nor on one before them."""
+    names: each stands in the world itself, so that its position is NED, m.
+    """
     boxes = [box for box in taken if box is not None]
-    for (name, place), wanted in names:
-        box = picture.box(name, place) if wanted else None
+    for name, wanted in names:
+        box = picture.box(name, name.position) if wanted else None
         free = box is not None and picture.shows(box) and not any(box.overlaps(other) for other in boxes)
         name.visible = free
         if box is not None and free:

@@ -13,7 +13,6 @@ from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME
 from companion.view.scene.cameras import between
 from companion.view.scene.drone import NEARER, NEARER_SCALE
-from companion.view.scene.names import Placed
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.moments import sigmas_along
@@ -81,9 +80,9 @@ class Overview:
         self._label.position = ends.mean(axis=0)
 
     @property
-    def name(self) -> tuple[Placed, bool]:
+    def name(self) -> tuple[viser.LabelHandle, bool]:
         """What is written at the worst place, and whether there is one."""
-        return (self._label, self._label.position), self._display is not None and self._apart.visible
+        return self._label, self._apart.visible
 
     def show(self, t: float) -> None:
         """Draw where the IMU goes from the anchor before t, s, to the next."""

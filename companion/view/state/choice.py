@@ -70,23 +70,21 @@ Recompute = Callable[[Flight, ReplayChoice], DisplayTrajectory]
 """Dead-reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
 Examine = Callable[[Flight, ReplayChoice, DisplayTrajectory], AnalysisResult]
 """The analysis of what was dead-reckoned. Raises CompanionError likewise. Runs in another worker thread."""
-Judge = Callable[[Flight, ReplayChoice, DisplayTrajectory], Verdict]
-"""Its verdict alone, which is known seconds before the rest. Raises and runs likewise."""
-Check = Callable[[Flight, ReplayChoice, DisplayTrajectory], FlightChecks]
-"""Its lanes and the checks before take-off; after the analysis, in the same thread."""
-Report = Callable[[Flight, ReplayChoice, DisplayTrajectory], str]
-"""The report of what is shown, as one HTML file. Raises CompanionError likewise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What else can be chosen from."""
+    """What else can be chosen from, and said of what is shown. Its calls raise CompanionError as `Examine` does.
+
+    judge: the verdict alone, which is known seconds before the rest; None: it comes with that. check: lanes and the
+    checks before take-off, after the analysis in the same thread; report: one HTML file. None of either: nothing.
+    """
 
     horizons_s: tuple[float, ...] = HORIZONS_S  # of the drift table
     correction_file: str | None = None  # the name of one that was given
-    judge: Judge | None = None  # the verdict before the rest of the analysis; None: it comes with that
-    check: Check | None = None  # what else is said of a flight; None: nothing
-    report: Report | None = None  # makes the report of what is shown
+    judge: Callable[[Flight, ReplayChoice, DisplayTrajectory], Verdict] | None = None
+    check: Callable[[Flight, ReplayChoice, DisplayTrajectory], FlightChecks] | None = None
+    report: Callable[[Flight, ReplayChoice, DisplayTrajectory], str] | None = None
     map_url: str | None = None  # template of a map's tiles; None: there is no map
     map_shown: bool = False  # from the start
 

@@ -37,8 +37,6 @@ class Player:
 
         With a `time` it is the same flight recomputed, and the part stays as far as it still lies within.
         """
-        if not (math.isfinite(first) and math.isfinite(last) and first <= last):
-            raise ValueError(f"a play interval needs finite bounds in order, got [{first}, {last}]")
         low = first if time is None or self.start <= self.first else self.start
         high = last if time is None or self.end >= self.last else self.end
         self.first, self.last = first, last
@@ -55,9 +53,8 @@ class Player:
 
     def cut(self, edge: Literal["from", "to", "whole"]) -> None:
         """Play only what comes from the instant shown on, or up to it, or the whole again."""
-        low = self.time if edge == "from" else self.first if edge == "whole" else self.start
-        high = self.time if edge == "to" else self.last if edge == "whole" else self.end
-        self.choose_part(low, high)
+        parts = {"from": (self.time, self.end), "to": (self.start, self.time), "whole": self.whole}
+        self.choose_part(*parts[edge])
 
     @property
     def part(self) -> tuple[float, float]:

@@ -117,12 +117,6 @@ def test_loading_keeps_the_place_where_it_can() -> None:
     assert (player.time, player.speed, player.playing) == (15.0, 5.0, True)
 
 
-@pytest.mark.parametrize("bounds", [(2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)])
-def test_an_interval_needs_bounds_in_order(bounds: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match="finite bounds in order"):
-        Player(*bounds)
-
-
 WHAT = ["advance", "seek", "go", "speed", "toggle", "backwards", "part"]
 
 
