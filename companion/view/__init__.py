@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon
-from companion.view.state.live import Feed, LinkState, LiveStatus, Seen, StreamState
+from companion.view.state.live import LONGEST_REANCHOR_S, Feed, LinkState, LiveStatus, Seen, StreamState
 from companion.view.state.moments import Mark, analysed
 from companion.view.state.places import best_path
 from companion.view.state.sending import extremes
@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     from companion.view.export import replay_page
     from companion.view.ground_map import check_url
     from companion.view.page import LiveViewer, Viewer
-    from companion.view.panels.live_panel import LONGEST_REANCHOR_S
 
 _WITH_VISER = {
-    "LONGEST_REANCHOR_S": "panels.live_panel",
     "LiveViewer": "page",
     "Viewer": "page",
     "check_url": "ground_map",

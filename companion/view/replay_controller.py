@@ -100,7 +100,7 @@ class ReplayController(Controller):
             (offer.check, self._findings.checks.load),
         )
         self._stages = [one for one in stages if one[0] is not None]
-        self._adjustments = DeadReckoningControls(controls, flight, offer, self.change, lambda: player.time)
+        self._adjustments = DeadReckoningControls(controls, offer, choice.gravity, self.change, lambda: player.time)
         super().__init__(
             server,
             controls,

@@ -107,11 +107,6 @@ class Controls:
         row = self.gui.add_button_group(label, tuple(buttons), hint=hint)
         self._listen(row.on_click, lambda: buttons.get(row.value))
 
-    def cameras(self, choose: ChooseCamera) -> None:
-        """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
-        buttons = {name: partial(choose, mode) for name, (_, mode) in CAMERAS.items()}
-        self.row("View", buttons, "In this browser alone. More cameras: Picture")
-
     def command(self, name: str, key: Key, do: Call, *, shift: bool = False) -> None:
         """Keys go through the command palette, which lists them under Ctrl-K."""
         self.command_in(name, key, lambda _: do(), shift=shift)

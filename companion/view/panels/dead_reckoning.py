@@ -57,12 +57,12 @@ class DeadReckoningControls:
     """Those of a replay. Built once; `load` fits them to a flight. Only the view thread may call it."""
 
     def __init__(
-        self, controls: Controls, flight: Flight, offer: Offer, change: Change, now: Callable[[], float]
+        self, controls: Controls, offer: Offer, gravity: str | float, change: Change, now: Callable[[], float]
     ) -> None:
-        """now: the instant shown, s, boot clock."""
-        self._flight = flight
+        """gravity: of the first choice, which stays in the list; now: the instant shown, s, boot clock."""
         gui, on = controls.gui, partial(on_choice, controls, change)
-        self._gravities, self._corrections = GRAVITIES, dict(CORRECTIONS)
+        self._gravities = GRAVITIES if gravity in GRAVITIES.values() else GRAVITIES | {f"{gravity:g}": gravity}
+        self._corrections = dict(CORRECTIONS)
         if offer.correction_file is not None:
             self._corrections[f"Corrected by {offer.correction_file}"] = "file"
         self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
@@ -84,7 +84,7 @@ class DeadReckoningControls:
             self._segments = gui.add_number(
                 "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Integration steps between two samples"
             )
-            self._gravity = gui.add_dropdown("Gravity, m/s²", tuple(GRAVITIES))
+            self._gravity = gui.add_dropdown("Gravity, m/s²", tuple(self._gravities))
             self._anchored = gui.add_checkbox(
                 "Re-anchor", True, hint="Restart from the autopilot's state at this interval; off: run free"
             )
@@ -134,9 +134,6 @@ class DeadReckoningControls:
         write(self._method, key_of(INTEGRATORS, choice.how.method))
         write(self._middle, key_of(MIDDLES, choice.how.middle))
         write(self._segments, choice.how.segments)
-        if choice.gravity not in self._gravities.values():
-            self._gravities = GRAVITIES | {f"{choice.gravity:g}": choice.gravity}
-            self._gravity.options = tuple(self._gravities)
         write(self._gravity, key_of(self._gravities, choice.gravity))
         write(self._anchored, choice.reanchor_s is not None)
         self._period.visible = choice.reanchor_s is not None

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 
 import viser
 
 from companion.analysis import DriftRow, LiveVerdict, Statistic
 from companion.present import capitalised, clause, lasting, palette, words, wrong
-from companion.view.panels.controls import ChooseCamera, Controls, bounded, write
+from companion.view.panels.controls import CAMERAS, ChooseCamera, Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.panels.markup import (
     PALE,
@@ -29,12 +30,10 @@ from companion.view.panels.markup import (
     wrapped,
 )
 from companion.view.panels.verdict import ChecksFolders
-from companion.view.state.live import Feed, FreeRun, LinkState, LiveStatus
+from companion.view.state.live import LONGEST_REANCHOR_S, Feed, FreeRun, LinkState, LiveStatus
 from companion.view.state.trajectory import FlightChecks, Sample
 
 BEST = "Automatic"
-LONGEST_REANCHOR_S = 20.0
-"""That the page offers; whoever keeps the messages keeps two such periods."""
 
 
 class LivePanel:
@@ -59,7 +58,8 @@ class LivePanel:
         self.back = gui.add_slider(
             "Look back, s", -window_s, 0.0, 0.1, 0.0, hint="The picture is held while the recording goes on"
         )
-        controls.cameras(choose_camera)
+        cameras = {name: partial(choose_camera, mode) for name, (_, mode) in CAMERAS.items()}
+        controls.row("View", cameras, "In this browser alone. More cameras: Picture")
         self._legend = gui.add_html("")
         self.numbers = gui.add_html("")
         self.flight = gui.add_html("")

@@ -97,14 +97,13 @@ def markup(
     if not high > low:
         return ""
 
-    def place(span: Span | Moment) -> tuple[float, float]:
-        start = span.start_s if isinstance(span, Span) else span.onset_s
-        left = 100 * (max(start, low) - low) / (high - low)
+    def place(span: Span) -> tuple[float, float]:
+        left = 100 * (max(span.start_s, low) - low) / (high - low)
         return left, 100 * (min(span.end_s, high) - low) / (high - low) - left
 
     rows = [_profile(shown.altitude, low, high)]
     if moment is not None and moment.end_s > low and moment.onset_s < high:
-        rows.append(_box(*place(moment), 0, HEIGHT, (*palette.DIFFERENCE, 0.16)))
+        rows.append(_box(*place(Span(moment.onset_s, moment.end_s, "")), 0, HEIGHT, (*palette.DIFFERENCE, 0.16)))
     for i, span in enumerate(shown.modes):
         if span.end_s > low and span.start_s < high:
             left, width = place(span)
@@ -162,7 +161,7 @@ def _curve(curve: ErrorCurve, low: float, high: float, colour: Rgb) -> str:
     x = 100 * (t - low) / (high - low)
 
     def line(of: Array) -> str:
-        return " ".join(f"{a:.2f},{b:.1f}" for a, b in zip(x, 100 - 100 * np.minimum(of / most, 1.0), strict=True))
+        return _points(x, 100 - 100 * np.minimum(of / most, 1.0))
 
     areas = "".join(
         f'<polygon points="{x[0]:.2f},100 {line(times * allowed)} {x[-1]:.2f},100" '
@@ -170,10 +169,12 @@ def _curve(curve: ErrorCurve, low: float, high: float, colour: Rgb) -> str:
         for times, opacity in ((3.0, 0.16), (1.0, 0.26))
         if allowed.any()
     )
+    drawn = (
+        f'<polyline points="{line(values)}" fill="none" stroke="{palette.css(colour)}" '
+        'stroke-width="1.8" vector-effect="non-scaling-stroke"/>'
+    )
     return (
-        f'<svg viewBox="0 0 100 100" preserveAspectRatio="none" style="position:absolute;left:0;width:100%;top:{top}px;'
-        f'height:{height}px">{areas}<polyline points="{line(values)}" fill="none" stroke="{palette.css(colour)}" '
-        'stroke-width="1.8" vector-effect="non-scaling-stroke"/></svg>'
+        _svg(*_CURVE, areas + drawn)
         + _number(significant(most / _ROOM), top + (1 - 1 / _ROOM) * height)
         + _number("0", top + height)
     )
@@ -255,14 +256,20 @@ def _profile(altitude: tuple[Array, Array] | None, low: float, high: float) -> s
     """The altitude above the origin, or above the lowest point below it, as a pale hill; the highest as a number."""
     if altitude is None or np.ptp(altitude[1]) <= 0:
         return ""
-    top, tall = _HILL
     t, up = altitude
     most, least = float(max(up.max(), 0.0)), float(min(up.min(), 0.0))
     x, y = np.clip(100 * (t - low) / (high - low), -100, 200), 100 - 100 * (up - least) / (most - least)
-    points = " ".join(f"{a:.2f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    hill = f'<polygon points="{x[0]:.2f},100 {_points(x, y)} {x[-1]:.2f},100" fill="rgba(130,130,130,0.34)"/>'
+    return _svg(*_HILL, hill) + _number(f"{most:.1f} m", _HILL[0] + 6)
+
+
+def _svg(top: int, height: int, shapes: str) -> str:
+    """Shapes in per cent of a row's width and height."""
     return (
-        f'<svg viewBox="0 0 100 100" preserveAspectRatio="none" style="position:absolute;left:0;width:100%;'
-        f'top:{top}px;height:{tall}px">'
-        f'<polygon points="{x[0]:.2f},100 {points} {x[-1]:.2f},100" fill="rgba(130,130,130,0.34)"/></svg>'
-        + _number(f"{most:.1f} m", top + 6)
+        '<svg viewBox="0 0 100 100" preserveAspectRatio="none" style="position:absolute;left:0;width:100%;'
+        f'top:{top}px;height:{height}px">{shapes}</svg>'
     )
+
+
+def _points(x: Array, y: Array) -> str:
+    return " ".join(f"{a:.2f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))

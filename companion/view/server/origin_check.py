@@ -212,8 +212,7 @@ def _ours(there: Response | None) -> Response | None:
 
 def _marked(_: ServerConnection, __: Request, response: Response) -> None:
     """Every answer says that no other page may show it in a frame."""
-    for name, value in _HEADERS.items():
-        response.headers[name] = value
+    response.headers.update(_HEADERS)
 
 
 def _cookie(headers: Headers, name: str) -> str:

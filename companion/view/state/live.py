@@ -68,6 +68,10 @@ class LiveStatus:
     preflight: Preflight | None = None  # the checks before take-off, while the vehicle stands disarmed
 
 
+LONGEST_REANCHOR_S = 20.0
+"""That the page offers; whoever keeps the messages keeps two such periods."""
+
+
 class Feed(Protocol):
     """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
 

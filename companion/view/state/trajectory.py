@@ -81,10 +81,10 @@ def errors_of(t: Array, attitude: Array, velocity: Array, position: Array) -> Er
     return Errors(t, length(degrees[:, :2]), degrees[:, 2].copy(), length(velocity), length(position))
 
 
-def _bounded(values: Array) -> Array:
-    if np.abs(values).max(initial=0.0) <= MOST:  # which NaN is not
+def _bounded(values: Array, most: float = MOST) -> Array:
+    if np.abs(values).max(initial=0.0) <= most:  # which NaN is not
         return values
-    return np.clip(np.nan_to_num(values), -MOST, MOST)
+    return np.clip(np.nan_to_num(values), -most, most)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,9 +112,8 @@ class Envelope:
 
 def envelope_of(expected: Expectation) -> Envelope:
     """The lengths and the position's covariance of an expectation, finite."""
-    attitude, velocity, position = (np.clip(np.nan_to_num(line, posinf=MOST), 0.0, MOST) for line in expected.lengths)
-    covariance = np.nan_to_num(expected.covariance[:, 6:9, 6:9], posinf=MOST**2)
-    return Envelope(expected.t, attitude, velocity, position, np.clip(covariance, -(MOST**2), MOST**2))
+    attitude, velocity, position = map(_bounded, expected.lengths)
+    return Envelope(expected.t, attitude, velocity, position, _bounded(expected.covariance[:, 6:9, 6:9], MOST**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
