@@ -17,7 +17,7 @@ from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors
 
 def error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """How far each IMU is from the autopilot since its anchor, and how far it should be."""
-    sources = {display.source: display.errors} | {name: other.errors for name, other in display.others.items()}
+    sources = {name: one.errors for name, one in display.by_imu.items()}
     known = (display.replay.t, display.replay.reference_valid.astype(np.float64))
     return errors_over_time(sources, colours, display.expected, known, has_position=display.replay.has_position)
 

@@ -98,14 +98,12 @@ class Scene:
         for body, trail in self._imus[1:]:
             body.place.visible = False
             trail.hide()
-        named = zip((f"{source} alone", *display.others), (display, *self._others), strict=True)
-        for i, ((body, trail), (name, shown)) in enumerate(zip(self._imus, named, strict=False)):
-            shade = colours.get(shown.source if i == 0 else name, palette.IMU)
+        for (body, trail), (name, shown) in zip(self._imus, display.by_imu.items(), strict=False):
+            is_chosen, r, shade = shown is display, shown.replay, colours.get(name, palette.IMU)
             body.reshape(drone, shade)
-            body.label.text = name
+            body.label.text = f"{name} alone" if is_chosen else name
             body.place.visible = True
-            r, outline = shown.replay, outlines["imu"] if i == 0 else None
-            trail.load(r.t, r.position_imu, shown.restarts, shade, outline)
+            trail.load(r.t, r.position_imu, shown.restarts, shade, outlines["imu"] if is_chosen else None)
 
     def seen_from(self, eye: Array) -> None:
         """The camera is at (3,) NED, m: see `NEARER`."""

@@ -96,7 +96,6 @@ class Trail:
         scale: float = 1.0,
         chunks: int = CHUNKS,
     ) -> None:
-        self._colour = colour
         self._nodes = [add_lines(scene, f"{name}/{i}", colour, thickness, scale=scale) for i in range(chunks)]
         self._levels: list[Lines] = []
         self._shown = [_NONE] * chunks
@@ -106,10 +105,8 @@ class Trail:
 
         outline: as for `simplified`.
         """
-        if colour != self._colour:
-            self._colour = colour
-            for node in self._nodes:
-                node.colors = np.array(colour, dtype=np.uint8)
+        for node in self._nodes:
+            node.colors = np.array(colour, dtype=np.uint8)
         self._levels = simplified(t, positions, restarts, outline)
         self._shown = [(-1, -1, -1, -1)] * len(self._nodes)
 

@@ -160,6 +160,11 @@ class DisplayTrajectory:
         return self.track.source if self.track is not None else "IMU"
 
     @property
+    def by_imu(self) -> dict[str, DisplayTrajectory]:
+        """Those of all IMUs shown, by message name: first the one that was integrated."""
+        return {self.source: self, **self.others}
+
+    @property
     def start(self) -> float:
         """s, boot clock, of the first sample."""
         return float(self.replay.t[0])
