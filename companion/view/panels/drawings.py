@@ -65,17 +65,14 @@ def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
         tracks.append((flight.attitude.source, palette.AUTOPILOT, flight.attitude.t, None))
     if flight.position is not None:
         tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
-    measured = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
+    end = flight.start + flight.duration
+    measured = [(name, colour, dash, rates(t, flight.start, end)) for name, colour, t, dash in tracks]
     return [
         Drawing(
             title, unit, tuple(Line(n, c, r.t, getattr(r, part), 1.6, d, in_title=False) for n, c, d, r in measured)
         )
         for title, unit, part in (("Messages a second", "Hz", "hz"), ("Longest gap, s", "s", "gap_s"))
     ]
-
-
-def _span(flight: Flight) -> tuple[float, float]:
-    return flight.start, flight.start + flight.duration
 
 
 def errors_over_time(

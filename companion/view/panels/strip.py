@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
@@ -71,9 +71,8 @@ def bands(flight: Flight, display: DisplayTrajectory) -> Bands:
     return Bands(tuple(modes), tuple(armed), spans, altitude)
 
 
-def outside(spans: Iterable[Span], low: float, high: float) -> str:
+def outside(spans: Sequence[Span], low: float, high: float) -> str:
     """How many findings lie before or after what is replayed, in words; "" for none."""
-    spans = list(spans)
     before, after = sum(s.end_s < low for s in spans), sum(s.start_s > high for s in spans)
     parts = [f"{n} {where}" for n, where in ((before, "before it begins"), (after, "after it ends")) if n]
     if not parts:
@@ -124,7 +123,7 @@ def markup(
     )
 
 
-def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, moment: Moment | None = None) -> str:
+def legend(shown: Bands, curve: ErrorCurve, colour: Rgb, moment: Moment | None) -> str:
     """What is drawn in which colour, in a line above the strip; as for `markup`."""
 
     def spot(of: Rgb, name: str, shape: str = "width:9px;height:9px") -> str:
@@ -141,8 +140,6 @@ def legend(shown: Bands, curve: ErrorCurve | None, colour: Rgb = palette.IMU, mo
     if moment is not None:
         name = "selected" if moment.of_finding else "worst window, in σ"
         rest.append(spot(palette.DIFFERENCE, name, "width:9px;height:9px;opacity:.4"))
-    if curve is None:
-        return f"<div>{''.join(rest)}</div>"
     name, unit = f"{capitalised(ERRORS[curve.error].name)} error", ERRORS[curve.error].unit
     when = "since the anchor" if curve.horizon_s is None else f"after {curve.horizon_s:g} s"
     allowed = spot(palette.CURSOR, "allowed: 1σ, 3σ") if np.isfinite(curve.allowed).any() else ""

@@ -54,7 +54,7 @@ class FindingsTab:
 
     def wait(self, text: str) -> None:
         """Report that the analysis is in progress, or why there is none. `text` may hold anything."""
-        _write(self._status, [text])
+        _write(self._status, text)
 
     def load(self, result: AnalysisResult | None, outside: str) -> None:
         """Show the analysis; None: there is none yet. outside: which findings the replay does not reach."""
@@ -63,24 +63,22 @@ class FindingsTab:
         groups, more = ranked(findings)
         for card, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
             card.show(group)
-        _write(self._more, [*([f"and {more} more, on the timeline"] if more else []), *([outside] if outside else [])])
+        _write(self._more, f"and {more} more, on the timeline" if more else "", outside)
         flights = flight_lines(verdict) if verdict else ()
         folder, each = self._flights
         folder.visible, folder.label = bool(flights), f"{len(flights)} flights in this log"
-        _write(each, [", ".join(one) for one in flights])
+        _write(each, *map(", ".join, flights))
         if verdict is not None:
-            _write(self._status, [] if findings else ["Nothing stands out."])
+            _write(self._status, "" if findings else "Nothing stands out.")
         could = result.assessment.sensitivity if result else None
-        detectable = (
-            [] if could is None or not could.smallest else [f"The smallest faults that would have shown: {could}."]
-        )
-        _write(self._could, [*detectable, *(f"Not judged: {why}." for why in (could.not_judged if could else ()))])
+        smallest = f"The smallest faults that would have shown: {could}." if could and could.smallest else ""
+        _write(self._could, smallest, *(f"Not judged: {why}." for why in (could.not_judged if could else ())))
 
 
-def _write(handle: viser.GuiHtmlHandle, texts: Sequence[str]) -> None:
-    """Each in a line of its own; without any the place is hidden."""
-    handle.visible = bool(texts)
-    handle.content = block(lines(map(unbroken, texts)))
+def _write(handle: viser.GuiHtmlHandle, *texts: str) -> None:
+    """Each in a line of its own, but for empty ones; without any the place is hidden."""
+    handle.visible = any(texts)
+    handle.content = block(lines(unbroken(text) for text in texts if text))
 
 
 def drift_tab(result: AnalysisResult | None, colours: Mapping[str, Rgb]) -> str:

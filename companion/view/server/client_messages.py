@@ -26,7 +26,6 @@ Positive = Annotated[float, Meta(gt=_LEAST, le=_MOST)]
 Pixels = Annotated[int, Meta(gt=0, le=int(_MOST))]
 Name = Annotated[str, Meta(max_length=_LONGEST)]
 Numbers = Annotated[list[Number], Meta(max_length=_SEVERAL)]
-Pair = tuple[Number, Number]
 Vector = tuple[Number, Number, Number]
 Quaternion = tuple[Number, Number, Number, Number]
 
@@ -67,7 +66,7 @@ class _Click(_Whole, tag="ScenePointerMessage"):
     event_type: Literal["click"]
     ray_origin: Vector
     ray_direction: Vector
-    screen_pos: tuple[Pair]
+    screen_pos: tuple[tuple[Number, Number]]
     modifier: None
 
     def __post_init__(self) -> None:
