@@ -24,7 +24,7 @@ from companion.view.panels.drawings import (
 )
 from companion.view.panels.markup import block
 from companion.view.state.live import Curves
-from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
+from companion.view.state.trajectory import DisplayTrajectory, Envelope, Sample
 
 HORIZON, NOISE = "Errors over the horizon", "IMU noise"
 Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
@@ -111,11 +111,7 @@ class LiveCharts:
 
     def show(self, curves: Curves, now: float, verdict: LiveVerdict) -> None:
         """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
-        errors, known = curves.errors, curves.known
-        if self._free:
-            known = known & np.isfinite(curves.free.tilt_deg)
-            columns = (curves.free.tilt_deg, curves.free.heading_deg, curves.free.velocity_mps, curves.free.position_m)
-            errors = Errors(errors.t, *(np.where(np.isfinite(column), column, 0.0) for column in columns))
+        errors, known = (curves.free, curves.free_known) if self._free else (curves.errors, curves.known)
         span = next((s for s in SPANS if s >= min(-float(errors.t[0]), self._window)), self._window)
         drawings = errors_over_time(
             {"": errors},

@@ -76,7 +76,7 @@ def simplified(t: Array, positions: Array, restarts: Indices, outline: Indices |
     if few < CHUNK * CHUNKS / 2:
         few, inner, jumps = CHUNK * CHUNKS + 1, inner[:0], inner[:0]  # more anchors than the eye can part
     # Half by shape, for round corners in a long flight; half by time, so that the path keeps up with the drone.
-    kept = np.union1d(evenly(len(t), few // 2, jumps), by_shape(positions, few // 2, outline))
+    kept = np.unique(np.concatenate([evenly(len(t), few // 2), jumps, by_shape(positions, few // 2, outline)]))
     return [*levels, _lines(t, positions, kept, inner)]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from companion.analysis import DriftRow, FreeState, LiveVerdict, Preflight, Repl
 from companion.model import Array, Flight
 from companion.strapdown import SAME_TIME
 from companion.view.state.choice import ReplayChoice
-from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory
+from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory, samples_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,9 +112,10 @@ class Curves:
     """The errors of what was shown, for charts."""
 
     errors: Errors  # since the last anchor, at (N,) s before the last row, which is 0
-    free: Errors  # of the free run; NaN where there is none
+    free: Errors  # of the free run
     age: Array  # (N,) s since the last anchor
     known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to compare with
+    free_known: npt.NDArray[np.bool_]  # (N,) and a free run
     has_position: bool
 
 
@@ -184,8 +185,10 @@ class History:
         t = times - times[-1]
         known = self._known(t) & (np.abs(errors) < MOST).all(axis=1)
         shown = Errors(t, *np.where(known[:, None], errors, 0.0).T)
-        age = times - self._ordered("anchor")
-        return Curves(shown, Errors(t, *self._ordered("free").T), age, known, self._has_position)
+        free = self._ordered("free")
+        free_shown = Errors(t, *np.where(np.isfinite(free), free, 0.0).T)
+        age, free_known = times - self._ordered("anchor"), known & np.isfinite(free[:, 0])
+        return Curves(shown, free_shown, age, known, free_known, self._has_position)
 
     def positions(self) -> tuple[Array, Array] | None:
         """The autopilot's and the IMU's (N, 3) NED, m, of everything that is kept; None where there is no position."""
@@ -229,8 +232,7 @@ class History:
 
 def present(replay: Replay) -> DisplayTrajectory:
     """The end of a replay, ready for the eye. Raises DataError when nothing of it is finite."""
-    columns = {name: getattr(replay, name)[-2:] for name in ("t", "reference_valid", *COLUMNS)}
-    return display_trajectory(replace(replay, **columns))
+    return display_trajectory(samples_of(replay, slice(-2, None)))
 
 
 def free_run(free: FreeState, now: float) -> FreeRun:

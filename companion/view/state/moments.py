@@ -20,7 +20,7 @@ from companion.analysis import (
     replay,
     trailing,
 )
-from companion.model import Array, DataError, Event, Flight, StatusText, words
+from companion.model import Array, DataError, Event, Flight, StatusText, nearest, words
 from companion.present import QUANTITIES
 from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, joined, with_result, worst_stretch
 
@@ -175,8 +175,7 @@ def sigmas_along(display: DisplayTrajectory, t: Array) -> Array:
         if curve is None or curve.horizon_s is None:
             continue
         centre = curve.t - curve.horizon_s / 2
-        after = np.minimum(np.searchsorted(centre, t), len(centre) - 1)
-        near = np.minimum(np.abs(centre[after] - t), np.abs(centre[np.maximum(after - 1, 0)] - t)) < curve.horizon_s / 2
+        near = np.abs(centre[nearest(centre, t)] - t) < curve.horizon_s / 2
         most = np.fmax(most, np.where(near, np.interp(t, centre, curve.sigmas), np.nan))
     return most
 

@@ -61,12 +61,9 @@ def extremes(series: tuple[Array, ...], limit: int) -> Indices:
     return np.unique(np.concatenate(kept)).astype(np.intp)
 
 
-def evenly(n: int, limit: int, keep: Indices | None = None) -> Indices:
-    """Indices of about `limit` of `n` samples, evenly spread, the first and the last and those in `keep` among them."""
-    if n <= limit:
-        return np.arange(n, dtype=np.intp)
-    spread = np.linspace(0, n - 1, limit).round().astype(np.intp)
-    return spread if keep is None else np.union1d(spread, keep).astype(np.intp)
+def evenly(n: int, limit: int) -> Indices:
+    """Indices of at most `limit` of `n` samples, evenly spread, the first and the last among them."""
+    return np.linspace(0, n - 1, min(n, limit)).round().astype(np.intp)
 
 
 def by_shape(points: Array, limit: int, among: Indices | None = None) -> Indices:

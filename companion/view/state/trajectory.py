@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis import (
     Assessment,
@@ -255,14 +256,7 @@ def display_trajectory(
             f"None of the {len(replay.t)} samples of this replay is finite: there is nothing to show. "
             "Start later, or choose another IMU."
         )
-    clean = replay
-    if not good.all():
-        clean = replace(
-            replay,
-            t=replay.t[good],
-            **{name: getattr(replay, name)[good] for name in COLUMNS},
-            reference_valid=replay.reference_valid[good],
-        )
+    clean = replay if good.all() else samples_of(replay, good)
     clean = replace(
         clean,
         q_imu=quaternion.normalize(clean.q_imu),
@@ -278,19 +272,23 @@ def display_trajectory(
     )
 
 
+def samples_of(replay: Replay, chosen: slice | npt.NDArray[np.bool_]) -> Replay:
+    """Some samples of a replay, with all of its anchors."""
+    columns: dict[str, Any] = {name: getattr(replay, name)[chosen] for name in _SAMPLED}
+    return replace(replay, **columns)
+
+
 def joined(before: Replay, after: Replay) -> Replay:
     """One replay until another of the same flight begins, which has an anchor there, and that one from then on."""
-    kept = before.t < after.t[0]
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)])
-        for name in ("t", *COLUMNS, "reference_valid")
-    }
+    kept = samples_of(before, before.t < after.t[0])
+    columns: dict[str, Any] = {name: np.concatenate([getattr(kept, name), getattr(after, name)]) for name in _SAMPLED}
     anchors = np.concatenate([before.anchors[before.anchors < after.t[0]], after.anchors])
     return replace(before, **columns, anchors=anchors)
 
 
 _STATES = ("q_imu", "velocity_imu", "position_imu", "q_ref", "velocity_ref", "position_ref")
 COLUMNS = (*_STATES, "attitude_error", "velocity_error", "position_error")
+_SAMPLED = ("t", *COLUMNS, "reference_valid")
 _ERRORS = ("tilt_deg", "heading_deg", "velocity_mps", "position_m")
 _STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
 

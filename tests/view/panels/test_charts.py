@@ -103,7 +103,8 @@ def test_the_band_grows_since_the_anchor_and_begins_again_with_the_next() -> Non
     age = np.where(t < -4.0, t + 14.0, t + 4.0)  # an anchor at -14 s and one at -4 s
     nothing = np.zeros(101)
     errors = Errors(t, nothing, nothing, nothing, nothing)
-    curves = Curves(errors, errors, age, np.ones(101, np.bool_), has_position=True)
+    known = np.ones(101, np.bool_)
+    curves = Curves(errors, errors, age, known, known, has_position=True)
     expected = ((2.0, 0.1, 0.2, 0.3), (10.0, 0.9, 1.0, 8.3))
     band = expected_over(curves, LiveVerdict("", "", expected=expected))
     assert band is not None
