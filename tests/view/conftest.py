@@ -4,9 +4,11 @@ import contextlib
 from collections.abc import Iterator
 
 import pytest
+import viser
 from playwright.sync_api import Browser, Page
 
 from companion.model import Flight
+from companion.view.server.web_server import Address, close_server, open_server
 from tests.view.browsing import new_page
 from tests.view.circles import make_flight
 
@@ -15,6 +17,14 @@ from tests.view.circles import make_flight
 def flight() -> Flight:
     """A minute of circles."""
     return make_flight()
+
+
+@pytest.fixture
+def server() -> Iterator[viser.ViserServer]:
+    """One that nobody watches."""
+    server = open_server(Address("127.0.0.1", 0, loopback=True))
+    yield server
+    close_server(server)
 
 
 class _Window:

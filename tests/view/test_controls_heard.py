@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import re
@@ -44,14 +45,31 @@ def png(kind: str = "RGBA") -> bytes:
     return out.getvalue()
 
 
+@contextlib.contextmanager
+def replay_page(viewer: Viewer) -> Iterator[PlainPage]:
+    """The page of a log, with all of its controls."""
+    with plain_page(viewer.url) as page:
+        page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
+        yield page
+
+
+@contextlib.contextmanager
+def live_page() -> Iterator[tuple[LiveViewer, PlainPage]]:
+    """The page of a link, with a vehicle on it."""
+    flight = make_flight()
+    feed = Script(Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None))
+    with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
+        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
+        yield viewer, page
+
+
 @pytest.fixture(scope="module")
 def replayed() -> Iterator[list[Message]]:
     """All that a page of two flights is sent, with a picture that was asked for."""
     texts = tuple(StatusText(110.0 + i, 2, "a text of the vehicle, as long as it may be, " * 9) for i in range(3))
     flights = [replace(make_flight(), texts=texts), make_flight(sysid=2)]
     offer = Offer(correction_file="a-file-with-a-long-name.toml", report=lambda *_: "<p>")
-    with Viewer(flights, recompute, examine, offer=offer, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
+    with Viewer(flights, recompute, examine, offer=offer, port=0) as viewer, replay_page(viewer) as page:
         page.press("This picture (PNG)")
         page.listen(lambda: "GetRenderRequestMessage" in kinds(page.messages))
         requested = next(one for one in page.messages if one["type"] == "GetRenderRequestMessage")
@@ -63,11 +81,7 @@ def replayed() -> Iterator[list[Message]]:
 @pytest.fixture(scope="module")
 def live() -> Iterator[list[Message]]:
     """All that the page of a link is told."""
-    flight = make_flight()
-    seen = Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
-    feed = Script(seen)
-    with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
-        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible)
+    with live_page() as (_, page):
         yield page.messages
 
 
@@ -133,8 +147,7 @@ def attack(page: PlainPage) -> None:
 
 def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) -> None:
     with Viewer([make_flight(), make_flight(sysid=2)], recompute, examine, port=0) as viewer:
-        with plain_page(viewer.url) as page:
-            page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
+        with replay_page(viewer) as page:
             attack(page)
             for payload in (png("RGB"), png()[:40], png()[:-15]):
                 before = len(renders(page))
@@ -152,14 +165,8 @@ def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) 
 
 
 def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str]) -> None:
-    flight = make_flight()
-    feed = Script(Seen(flight, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None))
-    with LiveViewer(feed, window_s=60.0, port=0) as viewer:
-        with plain_page(viewer.url) as page:
-            page.listen(
-                lambda: has(page, "Pause") and has(page, "Camera") and viewer.controller.scene.imu.place.visible
-            )
-            attack(page)
+    with live_page() as (viewer, page):
+        attack(page)
         assert lives(viewer)
     assert "Traceback" not in "".join(capfd.readouterr())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -20,7 +19,6 @@ from companion.view.scene.cameras import frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.server.web_server import Address, close_server, open_server
 from tests.view.circles import make_flight, recompute
 
 
@@ -38,13 +36,6 @@ def test_the_page_is_one_file_that_asks_nobody(flight: Flight) -> None:
 
 DISPLAY = recompute(make_flight(), ReplayChoice())
 STEP = 0.5
-
-
-@pytest.fixture
-def server() -> Iterator[viser.ViserServer]:
-    server = open_server(Address("127.0.0.1", 0, loopback=True))
-    yield server
-    close_server(server)
 
 
 def recorded(html: str) -> dict[tuple[float, str, str], Any]:

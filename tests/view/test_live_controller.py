@@ -15,7 +15,6 @@ from companion.model import Flight
 from companion.model.tracks import NavState
 from companion.view import LinkState, LiveStatus, LiveViewer, ReplayChoice, Seen, live_controller
 from companion.view.live_controller import LiveController
-from tests.simulated import free_port
 from tests.view.browsing import until
 from tests.view.circles import dead_reckon
 
@@ -66,7 +65,9 @@ def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight)
         until(lambda: viewer.controller.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
 
 
-def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_numbers_are_of_the_imu_that_is_named(
+    flight: Flight, server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Another IMU begins its free run anew: the older run of the former one is never shown below its name."""
     replay = dead_reckon(flight, ReplayChoice(imu="RAW_IMU"))
     now = float(replay.t[-1])
@@ -77,13 +78,9 @@ def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: p
 
     ages: list[float] = []
     monkeypatch.setattr(live_controller, "numbers", lambda _sample, free, **_: ages.append(free.age_s))
-    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
-    try:
-        feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))
-        controller = LiveController(server, feed, 60.0, lambda _call: None)
-        controller.turn(100.0, 0.05)
-        feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
-        controller.turn(100.05, 0.05)
-    finally:
-        server.stop()
+    feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))
+    controller = LiveController(server, feed, 60.0, lambda _call: None)
+    controller.turn(100.0, 0.05)
+    feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
+    controller.turn(100.05, 0.05)
     assert ages == pytest.approx([70.0, 3.0])

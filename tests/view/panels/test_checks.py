@@ -13,7 +13,6 @@ from companion.estimation import Correlation
 from companion.estimation.block_tridiagonal import Factor
 from companion.view import FlightChecks
 from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
-from tests.simulated import free_port
 from tests.view.browser_messages import Tags
 from tests.view.panels.test_live_panel import EVIL
 
@@ -50,18 +49,14 @@ def test_a_lane_has_a_column_and_a_quantity_a_row() -> None:
     assert "tilt, °5.730.5730.057" in shown
 
 
-def test_a_folder_is_there_where_there_is_something_in_it() -> None:
-    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
-    try:
-        folders = ChecksFolders(server.gui)
-        seen = [handle for handle, _ in folders.folders]
-        for checks, there in (
-            (FlightChecks(), [False, False]),
-            (FlightChecks(preflight=RESULT), [False, True]),
-            (FlightChecks(lanes(), replace(RESULT, checks=CHECKS[:1])), [True, True]),
-            (FlightChecks(), [False, False]),
-        ):
-            folders.load(checks)
-            assert [handle.visible for handle in seen] == there
-    finally:
-        server.stop()
+def test_a_folder_is_there_where_there_is_something_in_it(server: viser.ViserServer) -> None:
+    folders = ChecksFolders(server.gui)
+    seen = [handle for handle, _ in folders.folders]
+    for checks, there in (
+        (FlightChecks(), [False, False]),
+        (FlightChecks(preflight=RESULT), [False, True]),
+        (FlightChecks(lanes(), replace(RESULT, checks=CHECKS[:1])), [True, True]),
+        (FlightChecks(), [False, False]),
+    ):
+        folders.load(checks)
+        assert [handle.visible for handle in seen] == there
