@@ -24,16 +24,14 @@ def error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> li
 
 def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """The error of the window that ends at each instant, and what the drift table expects of windows of that length."""
-    if display.result is None or display.trailing is None or not len(display.trailing.t):
+    if (result := display.result) is None or not len(result.trailing.t):
         return []
-    name, horizon = display.source, display.result.horizon_s
-    envelope, expected = None, display.result.allowed
+    envelope, expected = None, result.allowed
     if expected is not None:
         allowed = (getattr(expected, quantity.attribute) or 0.0 for quantity in QUANTITIES)
-        envelope = Envelope(display.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
-    after = f" after {horizon:g} s"
-    sources, has_position = {name: display.trailing}, display.replay.has_position
-    return errors_over_time(sources, colours, envelope, None, after, has_position=has_position)
+        envelope = Envelope(result.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
+    sources, after = {display.source: result.trailing}, f" after {result.horizon_s:g} s"
+    return errors_over_time(sources, colours, envelope, None, after, has_position=display.replay.has_position)
 
 
 def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing]:

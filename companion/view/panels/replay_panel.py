@@ -149,8 +149,7 @@ def horizon_table(sample: Sample, display: DisplayTrajectory) -> str:
 
     By what is known of the part before the flight, and by what the flight's own calibration leaves unknown of it.
     """
-    after, result = display.after_horizon(sample.t), display.result
-    if after is None or result is None:
+    if (result := display.result) is None or (after := result.after_horizon(sample.t)) is None:
         return ""
     rows = []
     for value, quantity in zip(after, QUANTITIES[:: 2 if display.replay.has_position else 3], strict=False):

@@ -22,7 +22,14 @@ from companion.analysis import (
 )
 from companion.model import Array, DataError, Event, Flight, StatusText, nearest, words
 from companion.present import QUANTITIES
-from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, joined, with_result, worst_stretch
+from companion.view.state.trajectory import (
+    AnalysisResult,
+    DisplayTrajectory,
+    errors_of,
+    joined,
+    with_result,
+    worst_stretch,
+)
 
 MarkKind = Literal["finding", "arming", "mode", "trouble", "text", "anchor"]
 
@@ -144,12 +151,11 @@ class Moment:
 
 def over_horizon(display: DisplayTrajectory, error: Error) -> ErrorCurve | None:
     """The error of the window that ends at each instant; None where there is none, or no analysis yet."""
-    if display.result is None or display.trailing is None or not len(display.trailing.t):
+    if (result := display.result) is None or not len(result.trailing.t):
         return None
-    result = display.result
-    t, column = display.trailing.t, ERRORS[error].attribute
+    t, column = result.trailing.t, ERRORS[error].attribute
     allowed = np.full(len(t), getattr(result.allowed, column, None) or np.nan)
-    return ErrorCurve(error, t, getattr(display.trailing, column), allowed, result.horizon_s)
+    return ErrorCurve(error, t, getattr(result.trailing, column), allowed, result.horizon_s)
 
 
 def since_anchor(display: DisplayTrajectory, error: Error) -> ErrorCurve:
@@ -268,7 +274,9 @@ def analysed(
 ) -> AnalysisResult:
     """The analysis of what is shown, with the anchor where the page opens, and what is expected from there on."""
     comparison = assessment.comparison
-    result = AnalysisResult(assessment, errors(comparison, trailing(comparison, horizon_s)), horizon_s)
+    windows = errors(comparison, trailing(comparison, horizon_s))
+    after_horizon = errors_of(windows.end_s, windows.attitude, windows.velocity, windows.position)
+    result = AnalysisResult(assessment, after_horizon, horizon_s)
     anchored = None
     if reanchor_s is not None:
         opened = with_result(display, result)

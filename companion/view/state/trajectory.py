@@ -18,7 +18,6 @@ from companion.analysis import (
     Preflight,
     RedundantImu,
     Replay,
-    WindowErrors,
 )
 from companion.model import Array, DataError, ImuTrack
 from companion.strapdown import SAME_TIME, quaternion
@@ -33,7 +32,7 @@ class AnalysisResult:
     """The analysis of the IMU that is shown, integrated and corrected as it is shown. It comes after the picture."""
 
     assessment: Assessment
-    trailing: WindowErrors  # the error over the chosen horizon, of a window that ends at every sample
+    trailing: Errors  # over the chosen horizon, at the ends of its windows
     horizon_s: float
     redundant_imus: tuple[RedundantImu, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it is not known
@@ -46,6 +45,17 @@ class AnalysisResult:
         """What is allowed of a window of the chosen horizon, 1σ, before the flight's own calibration."""
         rows = zip(self.assessment.drift.rows, self.assessment.expected, strict=True)
         return next((one for row, one in rows if row.horizon_s == self.horizon_s), None)
+
+    def after_horizon(self, t: float) -> tuple[float, float] | None:
+        """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
+
+        None before the first such window, and where it could not be used.
+        """
+        errors = self.trailing
+        i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
+        if i < 0 or t - errors.t[i] > _STALE_S:
+            return None
+        return float(errors.attitude_deg[i]), float(errors.position_m[i])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +163,6 @@ class DisplayTrajectory:
     others: Mapping[str, DisplayTrajectory]  # other IMUs of the flight, by message name
     result: AnalysisResult | None = None  # once it has come
     expected: Envelope | None = None  # of the errors since the anchor
-    trailing: Errors | None = None  # over the chosen horizon, at the ends of its windows
 
     @property
     def source(self) -> str:
@@ -209,31 +218,12 @@ class DisplayTrajectory:
     def _covariance(self, t: float) -> Array:
         return np.zeros((3, 3)) if self.expected is None else self.expected.ellipsoid(t)
 
-    def after_horizon(self, t: float) -> tuple[float, float] | None:
-        """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
-
-        None before the first such window, and where it could not be used.
-        """
-        errors = self.trailing
-        if errors is None or not len(errors.t):
-            return None
-        i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
-        if i < 0 or t - errors.t[i] > _STALE_S:
-            return None
-        return float(errors.attitude_deg[i]), float(errors.position_m[i])
-
 
 def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTrajectory:
     """The same with its analysis, and with the anchor that the analysis adds."""
-    trailing = result.trailing
     if result.replay is not None:
         shown = replace(display_trajectory(result.replay, shown.track), others=shown.others)
-    return replace(
-        shown,
-        result=result,
-        expected=envelope_of(result.expected) if result.expected else None,
-        trailing=errors_of(trailing.end_s, trailing.attitude, trailing.velocity, trailing.position),
-    )
+    return replace(shown, result=result, expected=envelope_of(result.expected) if result.expected else None)
 
 
 def display_trajectory(

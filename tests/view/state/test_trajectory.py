@@ -15,7 +15,7 @@ from companion.model import DataError, Flight
 from companion.view import DisplayTrajectory, ReplayChoice
 from companion.view import display_trajectory as display_of
 from companion.view.scene.paths import worst_words
-from companion.view.state.trajectory import Errors, Sample, Worst, with_result, worst_stretch
+from companion.view.state.trajectory import Sample, Worst, with_result, worst_stretch
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight
 
 
@@ -113,17 +113,17 @@ def test_what_the_autopilot_did_not_say_is_marked(replay: Replay) -> None:
 
 
 def test_what_the_analysis_says_comes_later() -> None:
-    assert (DISPLAY.result, DISPLAY.after_horizon(BOOT + 30.0)) == (None, None)
+    assert DISPLAY.result is None
     assert not DISPLAY.at(BOOT + 30.0).covariance.any()
-    display = with_result(DISPLAY, examine(FLIGHT, ReplayChoice(), DISPLAY))
+    result = examine(FLIGHT, ReplayChoice(), DISPLAY)
+    display = with_result(DISPLAY, result)
     assert display.replay is DISPLAY.replay
     before, after = (display.at(t).covariance for t in (BOOT + 19.9, BOOT + 20.1))  # an anchor between
     assert np.trace(before) > 10 * np.trace(after)
     assert (np.linalg.eigvalsh(before) > 0).all()
-    assert display.after_horizon(BOOT + 4.9) is None  # no window of 5 s has ended yet
-    assert isinstance(display.trailing, Errors)
-    angle, metres = display.after_horizon(BOOT + 30.0) or (0.0, 0.0)
-    assert metres == pytest.approx(np.interp(BOOT + 30.0, display.trailing.t, display.trailing.position_m), rel=0.02)
+    assert result.after_horizon(BOOT + 4.9) is None  # no window of 5 s has ended yet
+    angle, metres = result.after_horizon(BOOT + 30.0) or (0.0, 0.0)
+    assert metres == pytest.approx(np.interp(BOOT + 30.0, result.trailing.t, result.trailing.position_m), rel=0.02)
     assert angle > 0
 
 
