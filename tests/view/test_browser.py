@@ -76,7 +76,7 @@ def test_play(wide_page: Page, flight: Flight) -> None:
         before = (
             viewer.player.time,
             viewer.controller.scene.imu.position,
-            viewer.controller.scene.imu.wxyz,
+            viewer.controller.scene.imu.attitude.wxyz.copy(),
             cursor(page),
         )
         keep(page, "before-play")
@@ -90,7 +90,7 @@ def test_play(wide_page: Page, flight: Flight) -> None:
         page.get_by_role("button", name="Pause", exact=True).click()
         until(lambda: not viewer.player.playing, "paused")
         assert np.linalg.norm(viewer.controller.scene.imu.position - before[1]) > 1.0
-        assert np.abs(viewer.controller.scene.imu.wxyz - before[2]).max() > 0.01
+        assert np.abs(viewer.controller.scene.imu.attitude.wxyz - before[2]).max() > 0.01
         until(lambda: abs(cursor(page) - before[3] - (viewer.player.time - before[0])) < 0.1, "the charts' cursor")
         unfold(page, "Picture")
         choose(page, "Paths", "Whole path")

@@ -62,7 +62,10 @@ def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight)
         feed.now = Seen(flight, "RAW_IMU", replay, None)
         apart = float(np.linalg.norm(replay.position_error[-1]))
         assert apart > 1.0
-        until(lambda: viewer.controller.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
+        imu, autopilot = viewer.controller.scene.imu, viewer.controller.scene.autopilot
+        until(
+            lambda: np.linalg.norm(imu.position - autopilot.position) == pytest.approx(apart, abs=0.01), "their places"
+        )
 
 
 def test_the_numbers_are_of_the_imu_that_is_named(

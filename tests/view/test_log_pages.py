@@ -104,8 +104,9 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         page.get_by_role("checkbox", name="SCALED_IMU2", exact=True).click()
         until(lambda: "SCALED_IMU2 tilt" in page.evaluate(names), "a line of the other IMU")
         page.get_by_role("checkbox", name="3σ ellipsoid").click()
-        until(lambda: bool(viewer.controller.scene.expected.axes.any()), "the ellipsoid")
-        axes = np.sort(viewer.controller.scene.expected.axes)
+        ellipsoid = viewer.controller.scene.expected.node
+        until(lambda: ellipsoid.visible, "the ellipsoid")
+        axes = np.sort(ellipsoid.scale)
         assert axes[2] > 1.05 * axes[0] > 0  # not a ball
         colours = (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT)
 

@@ -45,7 +45,7 @@ class Body:
     def __init__(self, scene: viser.SceneApi, root: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
         self._scene, self._root, self._ghost = scene, root, ghost
         self.place = scene.add_frame(root, show_axes=False)
-        self._attitude = scene.add_frame(f"{root}/attitude", show_axes=False)
+        self.attitude = scene.add_frame(f"{root}/attitude", show_axes=False)
         self._span = 0.0
         self._meshes: list[viser.MeshHandle] = []
         self.label = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
@@ -76,18 +76,13 @@ class Body:
         self._span = 0.0  # the next size is sent
 
     @property
-    def wxyz(self) -> Array:
-        """The attitude on screen, NED/FRD."""
-        return np.array(self._attitude.wxyz)  # a copy: viser writes into its own
-
-    @property
     def position(self) -> Array:
         """The place on screen, NED m."""
-        return np.array(self.place.position)
+        return np.array(self.place.position)  # a copy: viser writes into its own
 
     def moves(self, wxyz: Array, position: Array) -> list[Move]:
         """What changes when it has the attitude (4,) and the place (3,)."""
-        return [Move(self._attitude, "wxyz", wxyz), Move(self.place, "position", position)]
+        return [Move(self.attitude, "wxyz", wxyz), Move(self.place, "position", position)]
 
     def resize(self, span: float, *, name_at: float) -> None:
         """Draw the drone `span` m wide, its name so many spans below (above, when negative).
@@ -184,23 +179,18 @@ class Ellipsoid:
     def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb) -> None:
         self.shown = False
         self._scale, self._turn = np.zeros(3), np.zeros(4)
-        self._handle = scene.add_icosphere(
+        self.node = scene.add_icosphere(
             name, 1.0, colour, opacity=0.14, visible=False, cast_shadow=False, receive_shadow=False
         )
 
-    @property
-    def axes(self) -> Array:
-        """(3,) semi-axes that are drawn, m; zero while it is hidden."""
-        return self._scale if self._handle.visible else np.zeros(3)
-
     def load(self, colour: Rgb) -> None:
         """Take the colour of another IMU."""
-        self._handle.color = colour
+        self.node.color = colour
 
     def put(self, position: Array) -> None:
         """Move it, NED m."""
-        if self._handle.visible:
-            self._handle.position = position
+        if self.node.visible:
+            self.node.position = position
 
     def shape(self, covariance: Array, position: Array) -> None:
         """Take the form of `covariance` (3, 3), m²: zero hides it."""
@@ -211,7 +201,7 @@ class Ellipsoid:
         if visible and (not near.all() or abs(float(turn @ self._turn)) < 1 - _CHANGE**2):
             self._scale, self._turn = axes, turn
             x, y, z = (max(float(a), 1e-6) for a in axes)
-            self._handle.scale = (x, y, z)
-            self._handle.wxyz = turn
-        self._handle.visible = visible
+            self.node.scale = (x, y, z)
+            self.node.wxyz = turn
+        self.node.visible = visible
         self.put(position)

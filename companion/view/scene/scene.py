@@ -55,11 +55,6 @@ class Scene:
         self._sticks = [AttachedLine(scene, f"{drone}/stick", (140, 140, 140), 1.0) for drone in (AUTOPILOT, IMU)]
         self._has_position = True
 
-    @property
-    def apart(self) -> float | None:
-        """Length of the line between both drones, m; None while none is drawn."""
-        return self._error.length if self._error.node.visible else None
-
     def load(
         self,
         display: DisplayTrajectory,

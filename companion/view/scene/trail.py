@@ -153,11 +153,6 @@ class AttachedLine:
         self.node = add_lines(scene, name, colour, thickness, visible=True)
         self._end: Sequence[float] = (0.0, 0.0, 0.0)  # m NED from the drone
 
-    @property
-    def length(self) -> float:
-        """m"""
-        return math.hypot(*self._end)
-
     def moves(self, end: Sequence[float]) -> list[Move]:
         """What changes when it is drawn to `end` (3,) m NED from the drone.
 
