@@ -145,8 +145,9 @@ class LiveController(Controller):
             return  # it has diverged beyond what a screen can show: the next anchor mends it
         shown = (str(seen.flight.vehicle), seen.flight.boot)
         if shown != self._shown:
-            self._shown = shown
-            self._begin(seen)
+            self._shown, self._held, self._introduced = shown, None, None
+            self._history.clear()
+            self.drone = drone_for(seen.flight.vehicle.type)
         self._introduce(seen, display)
         self._display, self._flight = display, seen.flight
         if display.replay.has_position:
@@ -157,11 +158,6 @@ class LiveController(Controller):
         self._live_trails.add(display, seen.free)
         self._free = free_run(seen.free, display.end) if seen.free else None
         self._history.add(seen.replay, seen.free)
-
-    def _begin(self, seen: Seen) -> None:
-        self._history.clear()
-        self._held, self._free, self._introduced = None, None, None
-        self.drone = drone_for(seen.flight.vehicle.type)
 
     def _lay_out(self, seen: Seen, display: DisplayTrajectory) -> None:
         """The world of this vehicle; anew when its first position comes after its first attitude."""
@@ -201,16 +197,16 @@ class LiveController(Controller):
 
     def _report(self, sample: Sample | None) -> None:
         status, held_s = self._feed.status, None
-        if sample is not None and self._display is not None:
+        if sample is not None and self._display is not None and self._flight is not None:
             self._live_trails.resize(self.annotate(sample))
             silent = self._held is None and bool(status.link.problem)
             has_position = self._display.replay.has_position
-            shown = numbers(sample, self._free_now(), has_position=has_position, silent=silent)
-            self._panel.numbers.content = shown
-            if self._flight is not None and sample.t >= self._flight.start:
+            self._panel.numbers.content = numbers(sample, self._free_now(), has_position=has_position, silent=silent)
+            if sample.t >= self._flight.start:
                 below = bands(self._flight, self._display)
-                data = flight_data(sample, self._flight, below, has_position=has_position, of_log=False)
-                self._panel.flight.content = data
+                self._panel.flight.content = flight_data(
+                    sample, self._flight, below, has_position=has_position, of_log=False
+                )
             held_s = None if self._held is None else self._display.end - sample.t
         self._panel.report(status, held_s)
 

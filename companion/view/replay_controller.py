@@ -130,10 +130,8 @@ class ReplayController(Controller):
 
     def close(self) -> None:
         """End the workers."""
-        for worker in (self._computer, self._examiner):
+        for worker in (self._computer, self._examiner, self._saver, self._map):
             worker.close()
-        self._saver.close()
-        self._map.close()
 
     def turn(self, now: float, dt: float) -> None:
         """What has been dead-reckoned, the clock, the picture."""
@@ -169,8 +167,7 @@ class ReplayController(Controller):
 
     def _pick_place(self, browser: int, origin: Sequence[float], direction: Sequence[float]) -> None:
         """Go to the place of a path that was clicked on: a ray in a browser's own world, m."""
-        pose = self.browsers.pose(browser)
-        if pose is not None:
+        if (pose := self.browsers.pose(browser)) is not None:
             t = picked(self._display, pose.back(np.array(origin)), pose.back_along(np.array(direction)))
             if t is not None:
                 self.player.go(t)
@@ -296,8 +293,8 @@ class ReplayController(Controller):
 
     def _point(self, moment: Moment, played_s: float) -> None:
         """Show the error in which a moment shows, and offer to play it from an instant on."""
-        self._moment, self._played = moment, (played_s, played_s + PLAYED_S)
-        self._timeline.point(moment, shown_curve(self._display, moment.error), self._played)
+        self._moment = moment
+        self._timeline.point(moment, shown_curve(self._display, moment.error), (played_s, played_s + PLAYED_S))
 
     def _progress(self) -> str:
         """What goes on, in words, when it takes long."""
@@ -313,7 +310,7 @@ class ReplayController(Controller):
     def _load(self) -> None:
         """Lay out everything that stays the same until the next dead reckoning."""
         self.drone = drone_for(self._flight.vehicle.type)
-        self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
+        self._colours = palette.of_imus(self._flight.imus)
         self._place()
         self._wait("Analysis in progress.")
         self._findings.checks.load(FlightChecks())
@@ -322,9 +319,9 @@ class ReplayController(Controller):
     def _place(self) -> None:
         """Lay out the picture, and where cameras stand in it."""
         whole, moment = frame_of(self._display), self._opening
-        begin = None if moment is None else (moment.begins_s, moment.begins_s + PLAYED_S)
-        self.browsers.place(whole, None if begin is None else frame_between(self._display, whole, *begin))
-        self.scene.load(self._display, whole, self.drone, self._colours, self._home)
+        near = frame_between(self._display, whole, moment.begins_s, moment.begins_s + PLAYED_S) if moment else None
+        self.browsers.place(whole, near)
+        self.scene.load(self._display, whole, self.drone, self._colours, home_position(self._flight))
 
     def _wait(self, why: str) -> None:
         self._findings.wait(why)

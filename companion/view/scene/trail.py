@@ -215,17 +215,15 @@ class LiveTrail(Trail):
         It hangs on the drone and begins a segment earlier than it has to: a browser that is late with new points shows
         no gap then.
         """
-        fresh = False
-        if self._last is not None and self._tip is not None and self._tip[0] <= now + 1e-6:
-            # Where a segment has just ended the one before it is drawn: hidden, it would be back at the next instant.
-            fresh = self._last[0] < self._tip[0] or self._before is not None
-        if fresh and self._last and self._tip:
-            end = self._tip[1]
-            begin = end if self._before is None else self._before
-            last = self._last[1]
-            points = np.array([[begin - end, last - end], [last - end, np.zeros(3)]], dtype=np.float32)
-            self._tip_line.points = points
-        self._tip_line.visible = fresh
+        last, tip, before = self._last, self._tip, self._before
+        # Where a segment has just ended the one before it is drawn: hidden, it would be back at the next instant.
+        if last is None or tip is None or tip[0] > now + 1e-6 or (before is None and last[0] >= tip[0]):
+            self._tip_line.visible = False
+            return
+        end = tip[1]
+        middle, begin = last[1] - end, np.zeros(3) if before is None else before - end
+        self._tip_line.points = np.array([[begin, middle], [middle, np.zeros(3)]], dtype=np.float32)
+        self._tip_line.visible = True
 
     def _extend(self, t: float, position: Array) -> None:
         if self._last is None or t <= self._last[0]:
