@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Literal, get_args
 
 import numpy as np
@@ -197,18 +198,16 @@ def moment_of(finding: Finding, display: DisplayTrajectory) -> Moment:
     shows = _SHOWS_IN.get(word)
     among = (shows,) if shows in known else known
     low, high = max(finding.start_s, display.start), min(finding.end_s, display.end)
-    best: tuple[float, Error, float] | None = None
-    for error in among:
-        for curve in (since_anchor(display, error), over_horizon(display, error)):
-            if curve is None:
-                continue
+    strongest: list[tuple[float, Error, float]] = []  # of each curve: σ, error and time
+    for curve in (of(display, error) for error in among for of in (since_anchor, over_horizon)):
+        if curve is not None:
             late = high + (curve.horizon_s or 1.0)  # what ends then was within
-            inside = (curve.t >= low) & (curve.t <= late) & np.isfinite(curve.sigmas)
-            if inside.any() and (best is None or curve.sigmas[inside].max() > best[0]):
-                at = np.flatnonzero(inside)[np.argmax(curve.sigmas[inside])]
-                best = (float(curve.sigmas[at]), error, float(curve.t[at]))
-    error, strongest = (among[-1], low) if best is None else best[1:]
-    return Moment(error, finding.start_s, finding.end_s, strongest)
+            inside = np.flatnonzero((curve.t >= low) & (curve.t <= late) & np.isfinite(curve.sigmas))
+            if len(inside):
+                at = inside[np.argmax(curve.sigmas[inside])]
+                strongest.append((float(curve.sigmas[at]), curve.error, float(curve.t[at])))
+    _, error, t = max(strongest, key=itemgetter(0), default=(0.0, among[-1], low))
+    return Moment(error, finding.start_s, finding.end_s, t)
 
 
 def cause_of(verdict: Verdict) -> Finding | None:
@@ -234,17 +233,16 @@ def decisive(display: DisplayTrajectory) -> Moment | None:
     if cause is not None and display.start <= cause.end_s and cause.start_s <= display.end:
         moment = moment_of(cause, display)
         return replace(moment, is_slow=_is_slow(moment, display))
-    worst: tuple[float, Moment] | None = None
+    worst: list[tuple[float, Moment]] = []  # of each curve: σ, and the window
     for error in errors_in(display):
         curve = over_horizon(display, error)
-        if curve is None or not np.isfinite(curve.sigmas).any():
-            continue
-        at = int(np.nanargmax(curve.sigmas))
-        end = float(curve.t[at])
-        if worst is None or curve.sigmas[at] > worst[0]:
-            worst = float(curve.sigmas[at]), Moment(error, end - (curve.horizon_s or 0.0), end, end, of_finding=False)
-    if worst is not None:
-        return worst[1]
+        if curve is not None and np.isfinite(curve.sigmas).any():
+            at = int(np.nanargmax(curve.sigmas))
+            end = float(curve.t[at])
+            window = Moment(error, end - (curve.horizon_s or 0.0), end, end, of_finding=False)
+            worst.append((float(curve.sigmas[at]), window))
+    if worst:
+        return max(worst, key=itemgetter(0))[1]
     stretch = worst_stretch(display.replay)
     if stretch is None:
         return None
