@@ -116,7 +116,7 @@ class Arrows:
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         nothing = np.zeros((1, 2, 3))
         self._handles = [
-            scene.add_arrows(f"{root}/{name}", nothing, _linear(colour), visible=False)
+            scene.add_arrows(f"{root}/{name}", nothing, linear_light(colour), visible=False)
             for name, colour in (("ref", palette.AUTOPILOT), ("imu", palette.IMU), ("gravity", GREY))
         ]
         self._fastest, self._span = STILL, 0.0
@@ -125,7 +125,7 @@ class Arrows:
     def load(self, fastest: float, colour: Rgb) -> None:
         """`fastest`: m/s, of the autopilot in this flight; `colour`: of the IMU."""
         self._fastest = fastest
-        self._handles[1].colors = np.array(_linear(colour), dtype=np.uint8)
+        self._handles[1].colors = linear_light(colour)
 
     def resize(self, span: float) -> None:
         """Match drones `span` m wide."""
@@ -150,10 +150,12 @@ class Arrows:
             handle.visible = visible
 
 
-def _linear(colour: Rgb) -> Rgb:
-    """`colour` as viser 1.1 wants it for arrows: it takes their colours for linear light, and orange turns yellow."""
-    r, g, b = (round(255 * (c / 255) ** 2.2) for c in colour)
-    return r, g, b
+def linear_light(colours: Rgb | Array) -> npt.NDArray[np.uint8]:
+    """Colours (..., 3) as viser 1.1 wants them for arrows and points: it takes those for linear light.
+
+    Else orange turns yellow, and red pink.
+    """
+    return (255.0 * (np.asarray(colours) / 255.0) ** 2.2).round().astype(np.uint8)
 
 
 def _norm(v: Array) -> float:

@@ -12,7 +12,7 @@ from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME
 from companion.view.scene.cameras import between
-from companion.view.scene.drone import NEARER, NEARER_SCALE
+from companion.view.scene.drone import NEARER, NEARER_SCALE, linear_light
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
 from companion.view.state.choice import SHOWN, ExtraPath
 from companion.view.state.moments import sigmas_along
@@ -101,17 +101,11 @@ class Overview:
 
 
 def sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
-    """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`.
-
-    As viser 1.1 wants them for points: it takes those for linear light, and red turns pink.
-    """
-    stops = np.array([at for at, _ in palette.SIGMAS])
-    mixed = np.stack(
-        [np.interp(sigmas, stops, column) for column in np.array([c for _, c in palette.SIGMAS]).T], axis=-1
-    )
+    """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`."""
+    stops, colours = (np.array(column) for column in zip(*palette.SIGMAS, strict=True))
+    mixed = interpolated(sigmas, stops, colours)
     mixed[np.isnan(sigmas)] = palette.UNKNOWN
-    linear = 255.0 * (mixed / 255.0) ** 2.2
-    return np.repeat(linear[:, None], 2, axis=1).round().astype(np.uint8)
+    return np.repeat(linear_light(mixed)[:, None], 2, axis=1)
 
 
 def worst_words(worst: Worst) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation import BestEstimate
-from companion.model import Array, Flight, Origin, geodetic_from_ned, radii_of_curvature
+from companion.model import Array, Flight, Origin, geodetic_from_ned, interpolated, radii_of_curvature
 
 _FIX_3D = 3  # GPS_FIX_TYPE
 
@@ -63,7 +63,7 @@ def local_frame(flight: Flight) -> LocalFrame | None:
         return None
     zero = np.zeros(3)
     if origin.t is not None:  # the vehicle was there then; it is not the zero itself
-        zero = np.array([np.interp(origin.t, positions.t, column) for column in positions.position.T])
+        zero = interpolated(np.array([origin.t]), positions.t, positions.position)[0]
     radii = radii_of_curvature(origin.latitude)
     return LocalFrame(origin, zero, radii * np.array([1.0, np.cos(origin.latitude)]))
 
