@@ -29,9 +29,6 @@ _charts = itertools.count()
 _HIDDEN = uplot.Series(label="", show=False)  # the style of charts over time hides a legend's last entry
 
 
-Style = tuple[str, Rgb, float, Dash | None, float]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
     """One line of a chart."""
@@ -46,7 +43,7 @@ class Line:
     fill: float = 0.0  # opacity of the area between it and zero
 
     @property
-    def style(self) -> Style:
+    def style(self) -> tuple[str, Rgb, float, Dash | None, float]:
         """What does not depend on the data."""
         return self.name, self.colour, self.width, self.dash, self.fill
 
@@ -67,12 +64,10 @@ class Chart:
     def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
         self._time = time
         self._heading = gui.add_html("", visible=False)
-        self._legend = ""
-        self._drawing: Drawing | None = None
-        self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
-        self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
-        self._styles: list[Style] = [("", palette.CURSOR, 1.0, None, 0.0)]
-        self._part, self._still = (0.0, 1.0), True
+        self._legend, t, nothing = "", np.array([0.0, 1.0]), np.zeros(2)
+        self._drawing = Drawing("", "", (Line("", palette.CURSOR, t, nothing, 1.0),))  # the last one
+        self._drawn = Curves(t, (nothing,), nothing)
+        self._part, self._at, self._passed, self._still = (0.0, 1.0), math.nan, 0, True
         self.handle = gui.add_uplot(
             self._drawn.at(0.0),
             self._series(),
@@ -87,25 +82,22 @@ class Chart:
 
     def draw(self, drawing: Drawing | None, part: tuple[float, float]) -> None:
         """Draw something else, between two times (s, boot clock); None: nothing."""
-        self._drawing, self._part = drawing, part
         self._heading.visible = self.handle.visible = drawing is not None
         if drawing is None:
             return
+        before, self._drawing, self._part = self._drawing, drawing, part
         self._drawn = curves([(line.t, line.values) for line in drawing.lines], drawing.known, part)
-        if self._unit != drawing.unit:
-            self._unit = drawing.unit
+        if drawing.unit != before.unit:
             self.handle.axes = _axes(drawing.unit)
-        styles = [line.style for line in drawing.lines]
-        if styles != self._styles:
-            self._styles = styles
+        if [line.style for line in drawing.lines] != [line.style for line in before.lines]:
             self._legend = legend_style([line.dash for line in drawing.lines])
             # Series and data have to change together, or the chart has lines without points.
             self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
         scales = _scales(part)
         if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
             self.handle.scales = scales
-        if drawing.title != self._title:
-            self._title, self._heading.content = drawing.title, self._legend + heading(drawing.title, "")
+        if drawing.title != before.title:
+            self._heading.content = self._legend + heading(drawing.title, "")
         self._at = math.nan  # equal to nothing: the next line is sent
 
     def show(self, now: float, *, still: bool) -> None:
@@ -113,7 +105,7 @@ class Chart:
 
         Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
         """
-        if self._drawing is None or (now == self._at and still == self._still):
+        if not self.handle.visible or (now == self._at and still == self._still):
             return
         self._still = still
         self._passed += 1
@@ -126,7 +118,7 @@ class Chart:
     def _series(self) -> tuple[uplot.Series, ...]:
         return (
             uplot.Series(label=self._time),
-            *(series(*style) for style in self._styles),
+            *(series(*line.style) for line in self._drawing.lines),
             series("now", palette.CURSOR, 1.2, None, 0.22, scale="now"),
         )
 
