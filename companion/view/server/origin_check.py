@@ -126,7 +126,8 @@ def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited
         headers, address = request.headers, urlsplit(request.path)
         if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
             return connection.respond(http.HTTPStatus.FORBIDDEN, "companion serves only its own page.\n")
-        given = parse_qs(address.query).get("token", [""])[-1]
+        query = parse_qs(address.query)
+        given, t, imu = (query.get(name, [""])[-1] for name in ("token", "t", "imu"))
         cookie = f"companion-{connection.local_address[1]}"
         if not any(map(is_right, (given, _cookie(headers, cookie), _bearer(headers)))):
             return connection.respond(
@@ -136,13 +137,13 @@ def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited
         if address.path in (ALIVE, REMEMBERED):
             # No other site's page moves what is shown.
             if address.path == REMEMBERED and headers.get("Sec-Fetch-Site") == "same-origin":
-                visited(*_requested(address.query), True)
+                visited(t, imu, True)
             return connection.respond(http.HTTPStatus.NO_CONTENT, "")
         if not address.query or headers.get("Upgrade") == "websocket":
             return _ours(answer(connection, request))
         # Only what a person opens: no picture or frame of another site's page moves what is shown.
         if headers.get("Sec-Fetch-Dest", "document") == "document":
-            visited(*_requested(address.query), False)
+            visited(t, imu, False)
         there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
         there.headers["Location"] = "./"
         if token:
@@ -222,12 +223,6 @@ def _cookie(headers: Headers, name: str) -> str:
     except http.cookies.CookieError:
         return ""
     return cookie.value if cookie else ""
-
-
-def _requested(query: str) -> tuple[str, str]:
-    """The instant and the IMU in an address; "" for none."""
-    requested = parse_qs(query)
-    return requested.get("t", [""])[-1], requested.get("imu", [""])[-1]
 
 
 def _bearer(headers: Headers) -> str:

@@ -17,6 +17,7 @@ from companion.model import InputError
 from companion.view.server.origin_check import Visited, guarded, quieten
 
 PORTS_TRIED = 100
+_HOSTS = "Use 127.0.0.1 for this machine alone, 0.0.0.0 for every network that it is in, or one of its own addresses."
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +64,11 @@ def find_address(host: str, port: int, *, or_next: bool = True, token: bool = Fa
             raise OSError("the name is empty")
         addresses = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(
-            f"The host {host!r} cannot be resolved ({error}). Use 127.0.0.1 for this machine alone, "
-            "0.0.0.0 for every network that it is in, or one of its own addresses."
-        ) from error
+        raise InputError(f"The host {host!r} cannot be resolved ({error}). {_HOSTS}") from error
     places = {(family, str(address[0])) for family, _, _, _, address in addresses}
     for family, address in places:
         if not _bindable(family, address, 0):
-            raise InputError(
-                f"{host!r} is {address}, which is not an address of this machine. Use 127.0.0.1 for this machine "
-                "alone, 0.0.0.0 for every network that it is in, or one of its own addresses."
-            )
+            raise InputError(f"{host!r} is {address}, which is not an address of this machine. {_HOSTS}")
     last = min(port + PORTS_TRIED, 65536) - 1 if port and or_next else port
     for candidate in range(port, last + 1):
         if all(_bindable(family, address, candidate) for family, address in places):
