@@ -54,8 +54,7 @@ def hull(a: Array, b: Array) -> Mesh:
 def box(low: Point, high: Point) -> Mesh:
     """From one corner to the opposite one."""
     (x0, y0, z0), (x1, y1, z1) = low, high
-    outline = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    return slab(outline, z0, z1)
+    return slab(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), z0, z1)
 
 
 def slab(outline: Array, top: float, bottom: float, scale: float = 1.0) -> Mesh:
@@ -138,10 +137,9 @@ def plane() -> Drone:
 
 def quadplane() -> Drone:
     """A plane with four rotors on booms."""
-    places = [(x, y) for x in (-0.24, 0.27) for y in (-0.24, 0.24)]
-    booms = [rod((-0.30, y, -0.02), (0.33, y, -0.02), 0.014) for y in (-0.24, 0.24)]
-    behind = [disc((x, y, -0.05), 0.11, (0.0, 0.0, -0.012)) for x, y in places if x < 0]
-    ahead = [disc((x, y, -0.05), 0.11, (0.0, 0.0, -0.012)) for x, y in places if x > 0]
+    sides, up = (-0.24, 0.24), (0.0, 0.0, -0.012)
+    booms = [rod((-0.30, y, -0.02), (0.33, y, -0.02), 0.014) for y in sides]
+    behind, ahead = ([disc((x, y, -0.05), 0.11, up) for y in sides] for x in (-0.24, 0.27))
     return Drone(joined([*_airframe(), *booms, *behind]), joined([*_nose(), *ahead]), span_m=2.0)
 
 
