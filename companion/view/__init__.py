@@ -23,12 +23,7 @@ if TYPE_CHECKING:
     from companion.view.ground_map import check_url
     from companion.view.page import LiveViewer, Viewer
 
-_WITH_VISER = {
-    "LiveViewer": "page",
-    "Viewer": "page",
-    "check_url": "ground_map",
-    "replay_page": "export",
-}
+_WITH_VISER = {"LiveViewer": "page", "Viewer": "page", "check_url": "ground_map", "replay_page": "export"}
 """Name → its module, loaded when the name is first used: viser is slow to import, and a report without playback, a
 fleet's page and a notebook's charts need none."""
 

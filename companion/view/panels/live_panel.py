@@ -40,17 +40,10 @@ class LivePanel:
     """The controls. Built once; only the view thread may call it."""
 
     def __init__(
-        self,
-        controls: Controls,
-        feed: Feed,
-        window_s: float,
-        change: Change,
-        choose_camera: ChooseCamera,
+        self, controls: Controls, feed: Feed, window_s: float, change: Change, choose_camera: ChooseCamera
     ) -> None:
         """What `pause`, `back` and `vehicle` do is up to whoever builds it."""
         gui = controls.gui
-        self._vehicles: tuple[str, ...] = ()
-        self._imus: tuple[str, ...] = (BEST,)
         longest = max(LONGEST_REANCHOR_S, float(feed.reanchor_s))
         self._verdict = gui.add_html("")
         self._link = gui.add_html("")
@@ -84,15 +77,16 @@ class LivePanel:
         with gui.add_folder("Messages", expand_by_default=False):
             self._messages = gui.add_html("")
         controls.on_change(period, lambda s: setattr(feed, "reanchor_s", bounded(s, 0.5, 10.0, longest)))
-        on_choice(controls, change, self._imu, lambda c, name: replace(c, imu=name if name in self._imus[1:] else None))
+        on_choice(
+            controls, change, self._imu, lambda c, name: replace(c, imu=name if name in self._imu.options[1:] else None)
+        )
         controls.on_click(anchor, feed.anchor_now)
         controls.command("Anchor now", "A", feed.anchor_now)
 
     def introduce(self, vehicle: str, imus: tuple[str, ...], chosen: str | None, *, has_position: bool) -> None:
         """Show which vehicle it is, which IMUs it has and which of them was chosen; None: the page's own choice."""
-        if self._imus != (BEST, *imus):
-            self._imus = (BEST, *imus)
-            self._imu.options = self._imus
+        if self._imu.options != (BEST, *imus):
+            self._imu.options = (BEST, *imus)
             write(self._imu, chosen if chosen in imus else BEST)
         self._legend.content = legend(vehicle, has_position=has_position)
 
@@ -106,8 +100,8 @@ class LivePanel:
         self._checks.load(FlightChecks(preflight=status.preflight))
         self._messages.content = messages(status.messages)
         vehicles = tuple(status.vehicles)
-        if vehicles and vehicles != self._vehicles:
-            self._vehicles = self.vehicle.options = vehicles
+        if vehicles and vehicles != self.vehicle.options:
+            self.vehicle.options = vehicles
             self.vehicle.visible = len(vehicles) > 1
 
     def hold(self, at_s: float | None, duration_s: float) -> None:
@@ -116,7 +110,7 @@ class LivePanel:
         self.pause.label = "Live" if paused else "Pause"
         self.pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
         low = -max(round(duration_s, 1), 0.1)
-        if paused and self.back.min != low:
+        if paused:
             self.back.min = low
         write(self.back, max(at_s or 0.0, low))
 

@@ -131,8 +131,7 @@ def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited
         cookie = f"companion-{connection.local_address[1]}"
         if not any(map(is_right, (given, _cookie(headers, cookie), _bearer(headers)))):
             return connection.respond(
-                http.HTTPStatus.FORBIDDEN,
-                "Open the whole address that companion has printed, with the token in it.\n",
+                http.HTTPStatus.FORBIDDEN, "Open the whole address that companion has printed, with the token in it.\n"
             )
         if address.path in (ALIVE, REMEMBERED):
             # No other site's page moves what is shown.

@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import (
-    Assessment,
-    Expectation,
-    Expected,
-    ImuNoise,
-    Lanes,
-    Preflight,
-    RedundantImu,
-    Replay,
-)
+from companion.analysis import Assessment, Expectation, Expected, ImuNoise, Lanes, Preflight, RedundantImu, Replay
 from companion.model import Array, DataError, ImuTrack
 from companion.strapdown import SAME_TIME, quaternion
 from companion.view.state.sending import Indices
