@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from itertools import zip_longest
 
 import numpy as np
@@ -12,36 +12,13 @@ from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.panels.chart import Chart, Drawing, LogChart, LogDrawing
 from companion.view.panels.controls import Controls
-from companion.view.panels.drawings import (
-    NOISE_TITLES,
-    drift_drawings,
-    error_drawings,
-    errors_over_time,
-    horizon_drawings,
-    noise_drawings,
-    rate_drawings,
-    reading_drawings,
-)
+from companion.view.panels.drawings import NOISE_TITLES, NOTHING, PAGES, errors_over_time
 from companion.view.panels.markup import block
 from companion.view.state.live import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Sample
 
-HORIZON, NOISE = "Errors over the horizon", "IMU noise"
-Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
-PAGES: Mapping[str, Draw] = {
-    "Errors since the anchor": lambda display, _, colours: error_drawings(display, colours),
-    HORIZON: lambda display, _, colours: horizon_drawings(display, colours),
-    "IMU readings": lambda display, flight, _: reading_drawings(display, flight),
-    NOISE: lambda display, *_: noise_drawings(display),
-    "Drift by horizon": lambda display, _, colours: drift_drawings(display, colours),
-    "Rates and gaps": lambda _, flight, colours: rate_drawings(flight, colours),
-}
 CHARTS = 3
 _ZOOM = "Drag over a chart to zoom in, double-click to see all of it again"
-_NOTHING = {
-    HORIZON: "No window of this length can be used.",
-    NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
-}
 
 
 class ChartPages:
@@ -88,7 +65,7 @@ class ChartPages:
         for log_chart, log in zip_longest(self._log_charts, (one for one in drawn if isinstance(one, LogDrawing))):
             log_chart.draw(log)
         self._hint.visible = not drawn
-        why = "Analysis in progress." if self._display.result is None else _NOTHING.get(self._shown, "")
+        why = "Analysis in progress." if self._display.result is None else NOTHING.get(self._shown, "")
         self._hint.content = block(why)
 
 

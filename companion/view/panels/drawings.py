@@ -1,8 +1,8 @@
-"""What the charts show of a flight: errors, IMU readings and message rates; drift and noise on logarithmic axes."""
+"""What each page of charts shows: errors, IMU readings, noise, drift, message rates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -240,3 +240,20 @@ def noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
     """Spectra in flight and Allan deviations at rest, as far as there are any."""
     charts = zip(NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
     return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]
+
+
+HORIZON, NOISE = "Errors over the horizon", "IMU noise"
+Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
+PAGES: Mapping[str, Draw] = {
+    "Errors since the anchor": lambda display, _, colours: error_drawings(display, colours),
+    HORIZON: lambda display, _, colours: horizon_drawings(display, colours),
+    "IMU readings": lambda display, flight, _: reading_drawings(display, flight),
+    NOISE: lambda display, *_: noise_drawings(display),
+    "Drift by horizon": lambda display, _, colours: drift_drawings(display, colours),
+    "Rates and gaps": lambda _, flight, colours: rate_drawings(flight, colours),
+}
+NOTHING = {
+    HORIZON: "No window of this length can be used.",
+    NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
+}
+"""Why a page is empty once the analysis has come."""
