@@ -3,16 +3,15 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, first_horizon
-from companion.view.state.live import LONGEST_REANCHOR_S, Feed, LinkState, LiveStatus, Seen, StreamState
-from companion.view.state.moments import Mark, analysed
+from companion.view.state.choice import Offer, ReplayChoice, chosen_track, first_horizon
+from companion.view.state.live import LONGEST_REANCHOR_S, LinkState, LiveStatus, Seen, StreamState
+from companion.view.state.moments import analysed
 from companion.view.state.places import best_path
 from companion.view.state.sending import extremes
 from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,
     FlightChecks,
-    Worst,
     display_trajectory,
     with_result,
     worst_stretch,

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Flight, StatusText
-from companion.view import Mark
 from companion.view.panels.strip import strip, time_ticks
-from companion.view.state.moments import marks_of, short
+from companion.view.state.moments import Mark, marks_of, short
 from tests.view.browser_messages import Tags
 
 HOSTILE = [
