@@ -153,10 +153,9 @@ def _tile(url: str, folder: Path, place: tuple[int, int, int], end: float) -> Pi
     pixels = _decoded(data)
     with contextlib.suppress(OSError):  # without a cache it is only fetched again
         folder.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=folder)
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        Path(part).replace(kept)
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as part:
+            part.write(data)
+        Path(part.name).replace(kept)
     return pixels
 
 

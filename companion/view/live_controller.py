@@ -88,14 +88,14 @@ class LiveController(Controller):
             seen = self._feed.look()
             if seen is not None:
                 self._take(seen)
-        sample = self._sample()
+        sample, free = self._instant()
         if sample is not None and (self._held is not None or self.stale or sample.t != self._newest):
             self.stale = False
             self.draw(sample)
-            self._live_trails.reach(sample.t, self._free_now())
+            self._live_trails.reach(sample.t, free)
             self._newest = sample.t
         if self.is_due("panel", now):
-            self._report(sample)
+            self._report(sample, free)
         if sample is not None:
             self.draw_trails(now, sample, self._live_trails.show)
         self.draw_charts(now, self._chart)
@@ -183,25 +183,21 @@ class LiveController(Controller):
         )
         self.is_due.at_once()  # the numbers of another IMU do not stand below its name
 
-    def _sample(self) -> Sample | None:
-        """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
+    def _instant(self) -> tuple[Sample | None, FreeRun | None]:
+        """What is shown, and the free run then: now, or where it is looked back at. Times are on the boot clock."""
         if self._held is None:
-            return self._display.at(self._display.end) if self._display else None
+            return (self._display.at(self._display.end) if self._display else None), self._free
         past, at = self._held
         sample = past.display.at(at)
-        return replace(sample, t=sample.t + past.end)
+        return replace(sample, t=sample.t + past.end), past.free_at(at)
 
-    def _free_now(self) -> FreeRun | None:
-        """The free run at the instant shown."""
-        return self._free if self._held is None else self._held[0].free_at(self._held[1])
-
-    def _report(self, sample: Sample | None) -> None:
+    def _report(self, sample: Sample | None, free: FreeRun | None) -> None:
         status, held_s = self._feed.status, None
         if sample is not None and self._display is not None and self._flight is not None:
             self._live_trails.resize(self.annotate(sample))
             silent = self._held is None and bool(status.link.problem)
             has_position = self._display.replay.has_position
-            self._panel.numbers.content = numbers(sample, self._free_now(), has_position=has_position, silent=silent)
+            self._panel.numbers.content = numbers(sample, free, has_position=has_position, silent=silent)
             if sample.t >= self._flight.start:
                 below = bands(self._flight, self._display)
                 self._panel.flight.content = flight_data(
