@@ -34,7 +34,7 @@ from companion.view.scene.drone import WORLD
 from companion.view.scene.names import Picture, unseen
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.choice import EXTRA_PATHS, SHOWN, CameraMode, TrailSpan
+from companion.view.state.choice import EXTRA_PATHS, CameraMode, TrailSpan
 from companion.view.state.sending import Cadence
 from companion.view.state.trajectory import Sample
 
@@ -210,8 +210,8 @@ class Controller:
         with (folder := gui.add_folder("Picture", expand_by_default=False)):
             self._trail = gui.add_dropdown("Paths", tuple(trails))
             self.extra_path_boxes = {
-                name: gui.add_checkbox(label, SHOWN[name], hint=hint, visible=False)
-                for name, (label, hint) in EXTRA_PATHS.items()
+                name: gui.add_checkbox(label, shown, hint=hint, visible=False)
+                for name, (label, hint, shown) in EXTRA_PATHS.items()
             }
             self.map_box = gui.add_checkbox(
                 "Map of the ground",

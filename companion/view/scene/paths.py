@@ -14,7 +14,7 @@ from companion.strapdown import SAME_TIME
 from companion.view.scene.cameras import between
 from companion.view.scene.drone import NEARER, NEARER_SCALE, linear_light
 from companion.view.scene.trail import NOTHING, OUTLINE, Segments, add_lines, segments
-from companion.view.state.choice import SHOWN, ExtraPath
+from companion.view.state.choice import EXTRA_PATHS, ExtraPath
 from companion.view.state.moments import sigmas_along
 from companion.view.state.places import Path
 from companion.view.state.sending import Indices, by_shape, evenly
@@ -132,17 +132,19 @@ class ExtraPaths:
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._gps = add_lines(scene, f"{root}/gps", palette.GPS, 5.0)
         self._best = add_lines(scene, f"{root}/best", palette.BEST, 2.5)
-        self.shown: Mapping[ExtraPath, bool] = SHOWN
-        self.there = dict.fromkeys(SHOWN, False)
+        self.shown: Mapping[ExtraPath, bool] = dict.fromkeys(EXTRA_PATHS, False)
+        self.there = dict.fromkeys(EXTRA_PATHS, False)
 
     def load(self, gps: Path | None, best: Path | None, size: float) -> None:
-        """Lay out another flight; None: it has no such path. size: m, about a pixel of a picture of the whole."""
+        """Lay out another flight, before it is chosen what is shown of it; None: it has no such path.
+
+        size: m, about a pixel of a picture of the whole.
+        """
         self.there = {"gps": gps is not None, "best": best is not None}
         if gps is not None:
             self._gps.points = dots(gps.position, size)
         if best is not None:
             self._best.points, self._best.colors = dashes(best.position)
-        self.choose(self.shown)
 
     def choose(self, shown: Mapping[ExtraPath, bool]) -> None:
         """Show some of them, where they are there."""

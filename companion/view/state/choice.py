@@ -15,13 +15,11 @@ from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, F
 
 CameraMode = Literal["Free", "Follow", "Chase", "From above", "Map"]
 ExtraPath = Literal["gps", "best"]
-SHOWN: dict[ExtraPath, bool] = {"gps": True, "best": False}
-"""Which of the extra paths are shown at first."""
-EXTRA_PATHS: dict[ExtraPath, tuple[str, str]] = {
-    "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered"),
-    "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate"),
+EXTRA_PATHS: dict[ExtraPath, tuple[str, str, bool]] = {
+    "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered", True),
+    "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate", False),
 }
-"""Name and hint."""
+"""Name, hint, and whether it is shown at first."""
 
 
 class TrailSpan(NamedTuple):
