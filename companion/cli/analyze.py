@@ -26,16 +26,14 @@ from companion.model import DataError, Flight, counted, words
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, takes_several=True)
-    parsers.add_judgement(parser)
-    parsers.add_anchor(parser)
+    parsers.add_log(parser, *parsers.JUDGEMENT, "--anchor", takes_several=True)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
     parser.add_argument(
         "--confusion",
         action="store_true",
         help="the smallest size at which each fault is distinguished from the others (takes some 10 s more)",
     )
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     fails = "exit with 1 when the IMU or the autopilot is suspect (insufficient: also without a verdict)"
     parsers.add_fail_on(parser, fails)
 

@@ -13,9 +13,7 @@ from companion.model import DataError
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser)
-    parsers.add_integration(parser)
-    parsers.add_imu_model(parser)
+    parsers.add_log(parser, *parsers.FLIGHT, *parsers.INTEGRATION, "--imu-model")
     force = "replace FILE when it is there already, and write it when the flight is no good for it"
     parsers.add_output(parser, "FILE", "write the correction for analyze --correction", force)
 

@@ -184,10 +184,7 @@ _TOLERANCE = 0.1
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, takes_several=True)
-    parsers.add_integration(parser)
-    parsers.add_imu_model(parser)
-    parsers.add_core(parser)
+    parsers.add_log(parser, *parsers.INTEGRATION, "--imu-model", "--core", takes_several=True)
     fails = "which verdict fails (default: suspect; insufficient: also a flight without a verdict)"
     parsers.add_fail_on(parser, fails, default="suspect")
     parser.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")

@@ -33,14 +33,13 @@ _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
+    parsers.add_log(parser, *parsers.JUDGEMENT)
     parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
-    parsers.add_judgement(parser)
     changed = parser.add_argument_group("what is different for B (all other options are for both)")
     for name, (value, what) in _OF_B.items():
         kind = int if name == "boot" else str
         changed.add_argument(f"--{name.replace('_', '-')}-b", metavar=value, type=kind, help=f"{what} of B")
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     parser.add_argument(
         "--fail-on-worse",
         type=parsers.share,

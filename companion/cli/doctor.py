@@ -36,7 +36,7 @@ class Check:
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_source(parser)
+    parsers.add(parser, *parsers.SOURCE)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -17,10 +17,8 @@ from companion.model import DataError, SettingsError
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_judgement(parser)
+    parsers.add_log(parser, *parsers.JUDGEMENT, "--reanchor")
     folders = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
-    parsers.add_reanchor(parser)
     parser.add_argument(
         "--format",
         choices=tuple(FORMATS),

@@ -60,9 +60,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument(
         "--timeout", type=_positive, metavar="S", default=TIMEOUT_S, help=f"for one log (default: {TIMEOUT_S:g})"
     )
-    parsers.add_integration(parser)
-    parsers.add_imu_model(parser)
-    parsers.add_settings(parser)
+    parsers.add(parser, *parsers.INTEGRATION, "--imu-model", *parsers.SETTINGS)
 
 
 def run(arguments: argparse.Namespace) -> int:

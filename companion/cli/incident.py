@@ -15,11 +15,11 @@ from companion.present import incident_markdown
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser)
+    parsers.add_log(parser, *parsers.FLIGHT)
     parser.add_argument(
         "--at", type=float, metavar="S", help="seconds of the boot clock (default: what went wrong first and worst)"
     )
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     parsers.add_output(parser, "FILE", "write it to FILE.md, or FILE.html with charts (default: print Markdown)")
 
 

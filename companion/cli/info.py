@@ -26,7 +26,7 @@ _WIDE = 1000  # columns: more than any table needs
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
     parsers.add_log(parser, takes_several=True)
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     parser.add_argument(
         "--verbose",
         action="store_true",
@@ -37,7 +37,7 @@ def add_options(parser: parsers.Parser) -> None:
         action="store_true",
         help="one line per flight instead, with the rate of every sensor (Markdown, 25 columns)",
     )
-    parsers.add_core(parser)
+    parsers.add(parser, "--core")
 
 
 def run(arguments: argparse.Namespace) -> int:

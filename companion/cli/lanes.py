@@ -20,9 +20,9 @@ _WIDTH = 100
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser)
+    parsers.add_log(parser, *parsers.FLIGHT)
     parsers.add_carrier(parser)
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -38,7 +38,7 @@ def add_link(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="udpin:HOST:PORT (wait for packets), udpout:, tcp:, tcpin:HOST:PORT, or a device: /dev/ttyACM0[:BAUD]",
     )
-    parsers.add_source(parser)
+    parsers.add(parser, *parsers.SOURCE)
     parser.add_argument(
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )

@@ -83,7 +83,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument(
         "--timeout", type=float, metavar="S", default=_TIMEOUT_S, help=f"for one answer (default: {_TIMEOUT_S:g})"
     )
-    parsers.add_source(parser)
+    parsers.add(parser, *parsers.SOURCE)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -32,10 +32,9 @@ _MOST_PEAKS = 4
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser)
+    parsers.add_log(parser, *parsers.FLIGHT)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
-    parsers.add_imu_model(parser)
-    parsers.add_json(parser)
+    parsers.add(parser, "--imu-model", "--json")
     parsers.add_output(
         parser,
         "PATH",

@@ -161,7 +161,7 @@ def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str
 
 
 def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The choice of `add_judgement`, as `companion.app.examination` takes it."""
+    """The choice of `parsers.JUDGEMENT`, as `companion.app.examination` takes it."""
     return {name: getattr(arguments, name) for name in ("imu", "imu_model", "correction")}
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from companion.model import IMU_MESSAGES
 from companion.strapdown import METHODS, MIDDLES
@@ -13,8 +14,14 @@ from companion.strapdown import METHODS, MIDDLES
 Parser = argparse.ArgumentParser
 
 
-def add_log(parser: Parser, *, takes_link: bool = False, takes_several: bool = False) -> None:
-    """A log, with the options that every command has that takes one.
+def add(parser: Parser, *names: str) -> None:
+    """Options of SHARED, in the order in which the help lists them."""
+    for name in names:
+        parser.add_argument(name, **SHARED[name])
+
+
+def add_log(parser: Parser, *names: str, takes_link: bool = False, takes_several: bool = False) -> None:
+    """A log, with the options that every command has that takes one, and then those that are named.
 
     takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
     """
@@ -25,12 +32,7 @@ def add_log(parser: Parser, *, takes_link: bool = False, takes_several: bool = F
     else:
         parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
     parser.set_defaults(piped=None)
-    add_settings(parser)
-
-
-def add_json(parser: Parser) -> None:
-    """The results for programs."""
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    add(parser, *SETTINGS, *names)
 
 
 def add_output(parser: Parser, metavar: str, help: str, force: str = "replace what is there already") -> None:
@@ -47,105 +49,6 @@ def add_fail_on(parser: Parser, help: str, default: str | None = None) -> None:
 def add_carrier(parser: Parser) -> None:
     """The IMU of a best estimate."""
     parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
-
-
-def add_reanchor(parser: Parser) -> None:
-    """How long the IMU is integrated alone."""
-    parser.add_argument(
-        "--reanchor",
-        dest="reanchor_s",
-        type=float,
-        metavar="S",
-        help="restart from the autopilot's state every S seconds; 0: never (default: 10)",
-    )
-
-
-def add_source(parser: Parser) -> None:
-    """Where settings come from, and the one that is needed to read messages."""
-    parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
-    parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
-
-
-def add_settings(parser: Parser) -> None:
-    """The same, and the one that is needed to read a log."""
-    add_source(parser)
-    parser.add_argument(
-        "--max-size",
-        type=float,
-        metavar="GB",
-        help="the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
-    )
-
-
-def add_flight_choice(parser: Parser) -> None:
-    """Which of the log's flights."""
-    parser.add_argument(
-        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle (default: the one with the most IMU data)"
-    )
-    parser.add_argument("--boot", type=int, metavar="N", help="the vehicle's N-th boot in the log, from 1")
-    add_core(parser)
-
-
-def add_flight(parser: Parser, *, takes_link: bool = False) -> None:
-    """A flight of a log; takes_link: or a link."""
-    add_log(parser, takes_link=takes_link)
-    add_flight_choice(parser)
-
-
-def add_core(parser: Parser) -> None:
-    """Which of the estimates in an on-board log."""
-    parser.add_argument(
-        "--core",
-        type=int,
-        metavar="N",
-        help="the EKF core of a .bin to compare with, from 0 (default: the one that flew)",
-    )
-
-
-def add_integration(parser: Parser) -> None:
-    """The IMU, and the integration options."""
-    parser.add_argument(
-        "--imu",
-        metavar="NAME",
-        help=f"message to integrate: {', '.join(IMU_MESSAGES)}, or a track of an on-board log "
-        "(default: depends on the autopilot, and is stated)",
-    )
-    parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")
-    parser.add_argument("--middle", choices=MIDDLES, help="the signal between two samples (default: cubic)")
-
-
-def add_imu_model(parser: Parser) -> None:
-    """The noise model of the IMU."""
-    parser.add_argument(
-        "--imu-model",
-        metavar="NAME",
-        help="part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
-    )
-
-
-def add_correction(parser: Parser) -> None:
-    """The file of a calibration."""
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
-
-
-def add_judgement(parser: Parser) -> None:
-    """The options of an examination: flight, IMU, noise model, windows."""
-    add_flight_choice(parser)
-    add_integration(parser)
-    add_imu_model(parser)
-    add_correction(parser)
-    parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
-
-
-def add_anchor(parser: Parser) -> None:
-    """The start of dead reckoning."""
-    parser.add_argument(
-        "--anchor",
-        choices=("autopilot", "rest"),
-        default="autopilot",
-        help="rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
-        "(default: autopilot)",
-    )
 
 
 def share(text: str) -> float:
@@ -175,3 +78,58 @@ def _horizons(text: str) -> tuple[float, ...]:
     if not values or not all(0 < value < math.inf for value in values):
         raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
     return values
+
+
+SHARED: Mapping[str, Mapping[str, Any]] = {
+    "--json": {"action": "store_true", "help": "the same as JSON on stdout (docs/json.md)"},
+    "--config": {"metavar": "FILE", "help": "settings file; config/default.toml describes every key"},
+    "--dialect": {"metavar": "NAME", "help": "MAVLink dialect (default: ardupilotmega)"},
+    "--max-size": {
+        "type": float,
+        "metavar": "GB",
+        "help": "the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
+    },
+    "--vehicle": {"metavar": "SYSID[:COMPID]", "help": "the vehicle (default: the one with the most IMU data)"},
+    "--boot": {"type": int, "metavar": "N", "help": "the vehicle's N-th boot in the log, from 1"},
+    "--core": {
+        "type": int,
+        "metavar": "N",
+        "help": "the EKF core of a .bin to compare with, from 0 (default: the one that flew)",
+    },
+    "--imu": {
+        "metavar": "NAME",
+        "help": f"message to integrate: {', '.join(IMU_MESSAGES)}, or a track of an on-board log "
+        "(default: depends on the autopilot, and is stated)",
+    },
+    "--method": {"choices": METHODS, "help": "integrator (default: rk4)"},
+    "--middle": {"choices": MIDDLES, "help": "the signal between two samples (default: cubic)"},
+    "--imu-model": {
+        "metavar": "NAME",
+        "help": "part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
+    },
+    "--correction": {"metavar": "FILE", "help": "take the errors out that companion calibrate found"},
+    "--horizons": {"type": _horizons, "metavar": "S,S,...", "help": "seconds (default: 1,2,5,10,30)"},
+    "--reanchor": {
+        "dest": "reanchor_s",
+        "type": float,
+        "metavar": "S",
+        "help": "restart from the autopilot's state every S seconds; 0: never (default: 10)",
+    },
+    "--anchor": {
+        "choices": ("autopilot", "rest"),
+        "default": "autopilot",
+        "help": "rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
+        "(default: autopilot)",
+    },
+}
+"""Option → how argparse takes it."""
+
+SOURCE = ("--config", "--dialect")
+"""Where settings come from, and the one that is needed to read messages."""
+SETTINGS = (*SOURCE, "--max-size")
+"""The same, and the one that is needed to read a log."""
+FLIGHT = ("--vehicle", "--boot", "--core")
+"""Which of the log's flights, and which of the estimates in an on-board log."""
+INTEGRATION = ("--imu", "--method", "--middle")
+JUDGEMENT = (*FLIGHT, *INTEGRATION, "--imu-model", "--correction", "--horizons")
+"""An examination: flight, IMU, noise model, windows."""

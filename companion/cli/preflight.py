@@ -30,13 +30,13 @@ _COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser, takes_link=True)
+    parsers.add_log(parser, *parsers.FLIGHT, takes_link=True)
     parser.add_argument(
         "--history",
         metavar="FOLDER|PARQUET",
         help="earlier logs of this vehicle, or preflight.parquet of `companion fleet`: says what has changed since",
     )
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     on_link = parser.add_argument_group("on a link")
     live.add_request_options(on_link)
     on_link.add_argument(

@@ -15,8 +15,7 @@ from companion.cli import options, parsers
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
-    parsers.add_judgement(parser)
+    parsers.add_log(parser, *parsers.JUDGEMENT)
     parsers.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
     parser.add_argument("--open", action="store_true", help="show it in the browser")
     parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")

@@ -21,15 +21,14 @@ _MOST_POINTS = 5000
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser)
+    parsers.add_log(parser, *parsers.FLIGHT)
     examined = ", ".join(_EXAMINED)
     parser.add_argument("table", metavar="TABLE", nargs="?", help=f"a table of the log, or of its analysis: {examined}")
-    parsers.add_flight_choice(parser)
     parser.add_argument("--from", dest="begin", type=float, metavar="S", help="from this time of the boot clock on")
     parser.add_argument("--to", dest="end", type=float, metavar="S", help="up to this time")
     points = parsers.whole(1, _MOST_POINTS, f"from 1 to {_MOST_POINTS}")
     parser.add_argument("--points", type=points, default=500, metavar="N", help="rows at most, evenly (default: 500)")
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
 
 
 def run(arguments: argparse.Namespace) -> int:

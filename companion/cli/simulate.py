@@ -40,7 +40,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
-    parsers.add_imu_model(parser)
+    parsers.add(parser, "--imu-model")
     parser.add_argument(
         "--imu-filter",
         type=float,

@@ -41,9 +41,9 @@ _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser)
+    parsers.add_log(parser, *parsers.FLIGHT)
     parsers.add_carrier(parser)
-    parsers.add_json(parser)
+    parsers.add(parser, "--json")
     parsers.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 
 

@@ -29,9 +29,7 @@ _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
 
 def add_options(parser: parsers.Parser) -> None:
     """The command's options."""
-    parsers.add_flight(parser, takes_link=True)
-    parsers.add_integration(parser)
-    parsers.add_imu_model(parser)
+    parsers.add_log(parser, *parsers.FLIGHT, *parsers.INTEGRATION, "--imu-model", takes_link=True)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument(
         "--port", type=int, help="port to serve on, 0 for any free one (default: 8080; the next free one when taken)"
@@ -42,9 +40,7 @@ def add_options(parser: parsers.Parser) -> None:
         default=None,
         help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
     )
-    parsers.add_reanchor(parser)
-    parsers.add_correction(parser)
-    parsers.add_anchor(parser)
+    parsers.add(parser, "--reanchor", "--correction", "--anchor")
     parser.add_argument(
         "--map", action="store_true", help="show a map of the ground from the start: its tiles come from the network"
     )

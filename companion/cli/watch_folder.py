@@ -47,7 +47,7 @@ def add_options(parser: parsers.Parser) -> None:
         help="run this command for each verdict, with its JSON line on stdin; it is waited for",
     )
     parser.add_argument("--json", action="store_true", help="a JSON line for each verdict instead of text")
-    parsers.add_settings(parser)
+    parsers.add(parser, *parsers.SETTINGS)
 
 
 def run(arguments: argparse.Namespace) -> int:
