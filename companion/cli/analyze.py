@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
     chosen = {**options.chosen(arguments), "anchor": arguments.anchor, "confusion": arguments.confusion}
     examined = examined_or_not(flight, settings, **chosen)
-    document = partial(analysis_document, recording.source, examined)
-    tables.show(_lines(examined, arguments), json=arguments.json, document=document)
+    tables.show(arguments, _lines(examined, arguments), lambda: analysis_document(recording.source, examined))
     if isinstance(examined, Unexamined) and not examined.says_something:  # a code that no script takes for an analysis
         log = "-" if recording.source.kept_in else recording.source.path
         options.say(f"companion: nothing was analysed. What the log has: companion info {log}")

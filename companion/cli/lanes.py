@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from functools import partial
 
 from rich.table import Table
 
@@ -30,8 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings, recording, flight = options.one_flight(arguments)
     own = assess_imu(flight, settings, imu=arguments.imu)
     lanes, best = lanes_of(flight, settings, own)
-    document = partial(lanes_document, recording.source, flight, best, lanes)
-    tables.show(_lines(lanes, best), json=arguments.json, document=document)
+    tables.show(arguments, _lines(lanes, best), lambda: lanes_document(recording.source, flight, best, lanes))
     return 0
 
 

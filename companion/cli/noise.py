@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     noises, refused = _all(flight, names, settings, arguments.imu_model)
     if not noises:
         raise DataError(refused.get(main) or "; ".join(refused.values()))
-    document = partial(noise_document, recording.source, flight, noises)
-    tables.show(_lines(noises, refused), json=arguments.json, document=document)
+    tables.show(arguments, _lines(noises, refused), lambda: noise_document(recording.source, flight, noises))
     if path is not None:
         _write(path, next((noise for noise in noises if noise.imu == main), noises[0]), Path(arguments.log).name)
     return 0

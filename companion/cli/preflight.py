@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -74,8 +73,7 @@ def _of_log(arguments: argparse.Namespace) -> int:
     flight = recording.flights[options.choose(recording, arguments)]
     result = preflight_of(flight)
     aged = _aged(arguments.history, settings, recording, flight, result) if arguments.history else ()
-    document = partial(preflight_document, recording.source, flight, result, aged)
-    tables.show(_lines(result, aged), json=arguments.json, document=document)
+    tables.show(arguments, _lines(result, aged), lambda: preflight_document(recording.source, flight, result, aged))
     return 1 if result.outcome == "no_go" else 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from rich.markup import escape
@@ -56,9 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     errors = autopilot_error(flight, best, how.limits)
     # the biases of the same IMU by the autopilot's estimator
     believed = next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
-    document = partial(estimate_document, recording.source, flight, best, errors, believed)
     lines = _lines(flight, best, errors, believed, how.limits)
-    tables.show(lines, json=arguments.json, document=document)
+    tables.show(arguments, lines, lambda: estimate_document(recording.source, flight, best, errors, believed))
     if path is not None:
         with files.replacing(path) as part:
             write_estimate_tum(part, flight, best)

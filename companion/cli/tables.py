@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -46,9 +47,9 @@ def console() -> Console:
     return Console(soft_wrap=True, emoji=False)
 
 
-def show(lines: Iterable[str | Table], *, json: bool, document: Callable[[], Document]) -> None:
-    """The results as lines, or the document as JSON; only that which is shown is made."""
-    if json:
+def show(arguments: argparse.Namespace, lines: Iterable[str | Table], document: Callable[[], Document]) -> None:
+    """The results as lines, or with --json the document; only that which is shown is made."""
+    if arguments.json:
         print(encode(document()))
     else:
         console().lines(*lines)
