@@ -10,7 +10,7 @@ import argparse
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
@@ -59,22 +59,6 @@ class Baseline(msgspec.Struct, frozen=True):
         return frozenset(self.limits).intersection(*(flight.measures for flight in self.flights))
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """One measure of a flight beside the baseline's worst."""
-
-    name: str
-    value: float | None  # None: this flight does not have it
-    limit: float
-    is_worse: bool
-
-    def __str__(self) -> str:
-        if self.value is None:
-            return f"not known of this flight, {self.limit:.3g} in the baseline"
-        change = f", {100 * (self.value / self.limit - 1):+.0f} %" if self.limit > 0 else ""
-        return f"{self.value:.3g}, at most {self.limit:.3g} in the baseline{change}"
-
-
 def measures_of(examined: Examination) -> Measures:
     """The detectable size of each fault, and the median drift at each horizon."""
     could, rows = examined.assessment.sensitivity.smallest, examined.assessment.drift.rows
@@ -85,17 +69,6 @@ def measures_of(examined: Examination) -> Measures:
         if (statistic := getattr(row, quantity.attribute)) is not None
     }
     return {f"detectable {kind}": size for kind, size in could.items()} | drift
-
-
-def compared(measures: Measures, baseline: Baseline, tolerance: float) -> Iterator[Compared]:
-    """Each measure of the baseline. One is worse when it is larger by more than the tolerance (0.1 is 10 %).
-
-    So is one that every flight of the baseline has and this one lacks.
-    """
-    for name, limit in baseline.limits.items():
-        value = measures.get(name)
-        if value is not None or name in baseline.always:
-            yield Compared(name, value, limit, value is None or value > limit * (1.0 + tolerance))
 
 
 def read_baseline(path: str) -> Baseline:
@@ -140,15 +113,32 @@ class Suite:
 
     name: str
     seconds: float
-    cases: Sequence[Case] = field(default=())
+    cases: Sequence[Case]
 
     def count(self, outcome: Outcome) -> int:
         return sum(case.outcome == outcome for case in self.cases)
 
 
-def junit_xml(name: str, suites: Sequence[Suite]) -> bytes:
+def compared(vehicle: str, measures: Measures, baseline: Baseline, tolerance: float) -> Iterator[Case]:
+    """Each measure of the baseline. One fails when it is larger by more than the tolerance (0.1 is 10 %).
+
+    So does one that every flight of the baseline has and this one lacks.
+    """
+    for measure, limit in baseline.limits.items():
+        name, value = f"{vehicle}: {measure}", measures.get(measure)
+        if value is None:
+            if measure in baseline.always:
+                yield Case(name, "failure", f"not known of this flight, {limit:.3g} in the baseline")
+        elif value > limit * (1.0 + tolerance):
+            change = f", {100 * (value / limit - 1):+.0f} %" if limit > 0 else ""
+            yield Case(name, "failure", f"{value:.3g}, at most {limit:.3g} in the baseline{change}")
+        else:
+            yield Case(name)
+
+
+def junit_xml(suites: Sequence[Suite]) -> bytes:
     """The document, UTF-8."""
-    top = ET.Element("testsuites", {"name": name} | _counts(suites))
+    top = ET.Element("testsuites", {"name": "companion"} | _counts(suites))
     for suite in suites:
         of_log = ET.SubElement(top, "testsuite", {"name": _legal(suite.name)} | _counts([suite]))
         for case in suite.cases:
@@ -179,7 +169,6 @@ def _legal(text: str) -> str:
 _SIGNS: dict[Outcome, str] = {
     "passed": "[green]PASS[/]", "failure": "[red]FAIL[/]", "error": "[red]ERROR[/]", "skipped": "[yellow]SKIP[/]",
 }  # fmt: skip
-_TOLERANCE = 0.1
 
 
 def add_options(parser: parsers.Parser) -> None:
@@ -193,7 +182,7 @@ def add_options(parser: parsers.Parser) -> None:
         "--tolerance",
         type=parsers.share,
         metavar="PERCENT",
-        default=_TOLERANCE,
+        default=0.1,
         help="by how much it may be worse (default: 10%%)",
     )
     parser.add_argument("--write-baseline", metavar="FILE", help="make a baseline of these flights, several at best")
@@ -215,7 +204,7 @@ def run(arguments: argparse.Namespace) -> int:
                 console.lines(f"{_SIGNS[case.outcome]}  {escape(f'{name}, {case.name}: {case.text}')}")
         suites.append(Suite(name, time.monotonic() - began, cases))
     if arguments.junit:
-        files.write(Path(arguments.junit), junit_xml("companion", suites))
+        files.write(Path(arguments.junit), junit_xml(suites))
     if arguments.write_baseline:
         write_baseline(Path(arguments.write_baseline), flown)
     console.lines(_summary(suites))
@@ -256,8 +245,8 @@ def _cases(
         if isinstance(examined, Examination):
             measures = measures_of(examined)
             flown.append(BaselineFlight(dict(measures), name, str(flight.vehicle), flight.boot))
-            for one in compared(measures, baseline, arguments.tolerance) if baseline else ():
-                yield Case(f"{vehicle}: {one.name}", *(("failure", str(one)) if one.is_worse else ()))
+            if baseline is not None:
+                yield from compared(vehicle, measures, baseline, arguments.tolerance)
 
 
 def _verdict(vehicle: str, verdict: Verdict, fail_on: str) -> Case:

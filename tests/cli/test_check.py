@@ -113,7 +113,7 @@ def test_any_text_makes_xml(tmp_path: Path) -> None:
     """Texts of a vehicle and names of files are of any bytes."""
     every = "".join(map(chr, [*range(0x300), 0xD800, 0xFFFE, 0x1F600]))
     path = tmp_path / "out.xml"
-    path.write_bytes(junit_xml("n", [Suite(every, 1.0, (Case(every, "failure", every, every),))]))
+    path.write_bytes(junit_xml([Suite(every, 1.0, (Case(every, "failure", every, every),))]))
     (suite,) = JUnitXml.fromfile(str(path))
     assert suite.failures == 1
 
