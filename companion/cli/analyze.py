@@ -91,7 +91,7 @@ def _everything(examined: Examination) -> Iterator[str | Table]:
         yield f"[yellow]Warning:   {warning}[/]"
     yield "\n[bold]Drift of the IMU alone from the autopilot[/]"
     yield tables.rendered(present.drift_table(drift))
-    yield from tables.left_out_lines(drift)
+    yield from present.left_out_lines(drift)
     if not any(row.windows for row in drift.rows):
         excluded = any(row.excluded for row in drift.rows)
         yield f"No window could be used: {'see above' if excluded else 'the flight is too short'}."

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion import present
-from companion.analysis import PARTS, Alignment, Assessment, Calibration, Drift, Verdict, left_out
+from companion.analysis import PARTS, Alignment, Assessment, Calibration, Verdict
 from companion.documents import Document, encode
 from companion.model import Array, counted
 
@@ -126,13 +126,6 @@ def _cell(cell: present.Cell) -> str:
 
 def _line(*parts: str) -> str:
     return "".join(f"{part:>{_WIDTH}}" for part in parts)
-
-
-def left_out_lines(drift: Drift) -> Iterator[str]:
-    """A line for each horizon that has windows which were not used."""
-    for row in drift.rows:
-        if row.excluded:
-            yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"
 
 
 _MOST_RESTS = 3

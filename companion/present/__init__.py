@@ -57,6 +57,7 @@ from companion.present.tables import (
     drift_table,
     expected_table,
     held_out_gain,
+    left_out_lines,
     level_force,
     not_observable,
     redundant_imus_table,

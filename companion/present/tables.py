@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import groupby
 
-from companion.analysis import PARTS, Assessment, Calibration, Drift, Expected, RedundantImu, Statistic
+from companion.analysis import PARTS, Assessment, Calibration, Drift, Expected, RedundantImu, Statistic, left_out
 from companion.model import words
 from companion.present.formats import percent, short, with_unit
 
@@ -96,6 +96,13 @@ def drift_table(
             cells += [getattr(expected[i], quantity.attribute, None)] if expected else []
         rows.append(tuple(cells))
     return Table(columns, tuple(rows))
+
+
+def left_out_lines(drift: Drift) -> Iterator[str]:
+    """A line for each horizon that has windows which were not used."""
+    for row in drift.rows:
+        if row.excluded:
+            yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"
 
 
 def expected_table(assessment: Assessment) -> Table:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Assessment, Drift, Expectation, Expected, Replay, expected_since_anchor, left_out
+from companion.analysis import Assessment, Drift, Expectation, Expected, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
 from companion.installation import missing
 from companion.model import Array, DataError, Flight, InputError
@@ -18,6 +18,7 @@ from companion.present import (
     details,
     drift_table,
     html_table,
+    left_out_lines,
     palette,
     paragraph,
     table,
@@ -52,11 +53,8 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
 def drift(subject: Subject) -> str:
     """Drift against horizon, measured and expected."""
     drift, expected = subject.assessment.drift, subject.assessment.expected
-    rows = drift.rows
-    excluded = [
-        f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}" for row in rows if row.excluded
-    ]
-    if not any(row.windows for row in rows):
+    excluded = list(left_out_lines(drift))
+    if not any(row.windows for row in drift.rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
         return "".join(map(paragraph, (reason, *excluded)))
     figure, count = drift_chart(drift, expected)
