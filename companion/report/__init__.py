@@ -6,4 +6,3 @@ from companion.report.html_page import Charts, Section, laid_out, sheet
 from companion.report.incident import incident_html
 from companion.report.page import report_html
 from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
-from companion.report.track_and_altitude import ground_track

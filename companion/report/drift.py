@@ -27,7 +27,7 @@ from companion.present import (
 from companion.report import traces
 from companion.report.html_page import laid_out
 from companion.report.subject import Subject
-from companion.report.track_and_altitude import ground_track, regained
+from companion.report.track_and_altitude import ground_track, paths_of, regained
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
@@ -268,10 +268,10 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
 
     Raises DataError for a flight without a position.
     """
-    figure = ground_track(flight, shown, palette.IMU, best)
-    if figure is None:
+    paths = paths_of(flight, shown, palette.IMU, best)
+    if not paths:
         raise DataError("This flight has no position: there is no path to draw.")
-    return _figure(figure, 600)
+    return _figure(ground_track(shown, paths), 600)
 
 
 def plot_drift(table: Drift) -> Any:

@@ -30,7 +30,7 @@ from companion.report import drift, provenance, sensors
 from companion.report.findings import bare_findings, findings, lanes_section, preflight_section
 from companion.report.html_page import Charts, Section, sheet
 from companion.report.subject import Subject, subject_of
-from companion.report.track_and_altitude import ground, track
+from companion.report.track_and_altitude import ground, paths_of, track
 from companion.view import worst_stretch
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
@@ -42,29 +42,19 @@ def head(subject: Subject, ground: str) -> str:
     flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
     tracks = {"attitude": flight.attitude, "position": flight.position}
     against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
-    flights = "".join(paragraph(", ".join(one)) for one in flight_lines(verdict))
-    body = f"{_banner(verdict)}{flights}{_worst(subject)}{_usual(subject)}{_warning(flight, rate)}"
-    title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
-    return f"<header>{title}{_beside(body, ground)}</header>"
+    body = _banner(verdict) + "".join(paragraph(", ".join(one)) for one in flight_lines(verdict))
+    body += _worst(subject) + _usual(subject)
+    if warning := rate_warning(flight, rate):
+        body += paragraph(warning, "warning")
+    return _header(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}", body, ground)
 
 
-def bare_head(flight: Flight, source: Source, verdict: Verdict, ground: str) -> str:
-    """The same for a flight that cannot be examined."""
-    body = _banner(verdict)
-    return f"<header>{_title(flight, source, '')}{_beside(body, ground)}</header>"
-
-
-def _beside(body: str, ground: str) -> str:
-    """The verdict, and the ground track beside it where the window is wide enough."""
-    return f'<div class="first"><div>{body}</div>{ground}</div>' if ground else body
-
-
-def _title(flight: Flight, source: Source, used: str) -> str:
-    """The log's name, and under it who flew when."""
-    vehicle = flight.vehicle
-    who = (f"Vehicle {vehicle}, boot {flight.boot}", vehicle_words(vehicle))
-    parts = [*who, _date(flight), f"{flight.duration:.1f} s", used]
-    return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
+def _header(flight: Flight, source: Source, used: str, body: str, ground: str) -> str:
+    """The log's name, and under it who flew when; the ground track beside the body where the window is wide enough."""
+    who = (f"Vehicle {flight.vehicle}, boot {flight.boot}", vehicle_words(flight.vehicle))
+    about = " · ".join(filter(None, (*who, _date(flight), f"{flight.duration:.1f} s", used)))
+    first = f'<div class="first"><div>{body}</div>{ground}</div>' if ground else body
+    return f'<header><h1>{text(source.path.name)}</h1><p class="quiet">{text(about)}</p>{first}</header>'
 
 
 def _banner(verdict: Verdict) -> str:
@@ -126,11 +116,6 @@ def _worst(subject: Subject) -> str:
     return paragraph(f"{sentence}.".replace(" m,", f"{_NO_BREAK}m,"))
 
 
-def _warning(flight: Flight, rate_hz: float) -> str:
-    warning = rate_warning(flight, rate_hz)
-    return f'<p class="warning">{text(warning)}</p>' if warning else ""
-
-
 _OPEN = ("findings", "errors")
 """Sections that are read at once; the others unfold."""
 _SECTIONS: tuple[tuple[str, str, Callable[[Subject], str]], ...] = (
@@ -160,16 +145,24 @@ def report_html(
     source: the log that the flight was read from; settings: those that it was examined with; command: the command
     line, to be shown. Without the playback it is about 1 MB smaller.
     """
+    charts, settings = Charts(), settings or Settings()
     if isinstance(examined, Unexamined):
-        return _bare_html(examined, source, settings or Settings(), command)
-    charts, flight, assessment = Charts(), examined.flight, examined.assessment
-    subject = subject_of(examined, source, settings or Settings(), charts)
-    drawn = flight, subject.replay, subject.colour, charts, assessment.best
-    first = head(subject, ground(*drawn))
+        first, sections, data = _bare(examined, source, charts)
+    else:
+        first, sections, data = _whole(subject_of(examined, source, settings, charts), with_playback)
+    sections += provenance.sections(source, settings, examined, command)
+    return sheet(f"{source.path.name}: IMU and autopilot", first, sections, charts, data)
+
+
+def _whole(subject: Subject, with_playback: bool) -> tuple[str, list[Section], dict[str, str]]:
+    """The head, the sections and the data of a flight that could be examined."""
+    flight, assessment, charts = subject.flight, subject.assessment, subject.charts
+    paths = paths_of(flight, subject.replay, subject.colour, assessment.best)
+    first = head(subject, ground(flight, subject.replay, paths, charts))
     sections = [Section(anchor, title, body(subject), anchor not in _OPEN) for anchor, title, body in _SECTIONS]
     sections += [*lanes_section(subject), *preflight_section(subject)]
-    sections.append(Section("track", "Altitude", track(*drawn), folded=True))
-    data = {"companion": encode(analysis_document(source, examined))}
+    sections.append(Section("track", "Altitude", track(flight, paths, charts), folded=True))
+    data = {"companion": encode(analysis_document(subject.source, subject.examined))}
     if with_playback:
         sections.append(Section("playback", "3D playback", _playback(subject)))
         if subject.replay is not None:
@@ -177,16 +170,7 @@ def report_html(
 
             player = replay_page(display_trajectory(subject.replay, subject.comparison.track), flight)
             data["player"] = msgspec.json.encode(player).decode()
-    sections += provenance.sections(
-        source,
-        flight,
-        subject.settings,
-        examined.gaps,
-        notes=(*flight.notes, *assessment.drift.notes),
-        command=command,
-        chosen=provenance.choices(assessment, examined.correction),
-    )
-    return sheet(_name(source), first, sections, charts, data)
+    return first, sections, data
 
 
 def _playback(subject: Subject) -> str:
@@ -203,15 +187,12 @@ def _playback(subject: Subject) -> str:
     )
 
 
-def _bare_html(unexamined: Unexamined, source: Source, settings: Settings, command: str) -> str:
-    charts, flight = Charts(), unexamined.flight
-    first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
-    sections = [Section("track", "Altitude", track(flight, None, palette.IMU, charts))]
+def _bare(unexamined: Unexamined, source: Source, charts: Charts) -> tuple[str, list[Section], dict[str, str]]:
+    """The same of a flight that cannot be examined."""
+    flight = unexamined.flight
+    paths = paths_of(flight, None, palette.IMU, None)
+    first = _header(flight, source, "", _banner(unexamined.verdict), ground(flight, None, paths, charts))
+    sections = [Section("track", "Altitude", track(flight, paths, charts))]
     if unexamined.says_something:
         sections.insert(0, Section("findings", "Findings", bare_findings(unexamined.verdict)))
-    sections += provenance.sections(source, flight, settings, unexamined.gaps, notes=flight.notes, command=command)
-    return sheet(_name(source), first, sections, charts, {})
-
-
-def _name(source: Source) -> str:
-    return f"{source.path.name}: IMU and autopilot"
+    return first, sections, {}

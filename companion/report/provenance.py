@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from companion.analysis import Assessment
+from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.model import Flight
@@ -22,25 +23,20 @@ _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "viser")
 MOST_TEXTS = 500
 
 
-def sections(
-    source: Source,
-    flight: Flight,
-    settings: Settings,
-    imu_gaps: Mapping[str, int],
-    *,
-    notes: Sequence[str],
-    command: str,
-    chosen: Sequence[tuple[str, str]] = (),
-) -> list[Section]:
-    """The log, and how to make the report again. imu_gaps: of each IMU; chosen: see `choices`."""
+def sections(source: Source, settings: Settings, examined: Examination | Unexamined, command: str) -> list[Section]:
+    """The log, and how to make the report again."""
+    notes, chosen = examined.flight.notes, list[tuple[str, str]]()
+    if isinstance(examined, Examination):
+        notes = (*notes, *examined.assessment.drift.notes)
+        chosen = _choices(examined.assessment, examined.correction)
     return [
-        Section("log", "The log", _log(source, flight, imu_gaps, notes), folded=True),
+        Section("log", "The log", _log(source, examined.flight, examined.gaps, notes), folded=True),
         Section("again", "Reproduce this report", _again(source, settings, command, chosen), folded=True),
     ]
 
 
 def _log(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Sequence[str]) -> str:
-    """Rates, gaps, damage, notes, and what the vehicle sent."""
+    """Rates, gaps of each IMU, damage, notes, and what the vehicle sent."""
     unknown = ", ".join(f"{i} ({n})" for i, n in sorted(source.unknown_frames.items()))
     facts = [
         ("file", source.path),
@@ -104,7 +100,7 @@ def _again(source: Source, settings: Settings, command: str, chosen: Sequence[tu
     return table(["", ""], rows, words=2) + details("Every setting", file) + (document if chosen else "")
 
 
-def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
+def _choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
     """IMU, integration, noise model and correction (the file that was applied), as rows of a table."""
     how = assessment.comparison.how
     return [

@@ -21,7 +21,7 @@ _EXCURSION = 3.0  # times the size of the autopilot's track, that the map has ro
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Path:
+class Path:
     """A track on the map."""
 
     name: str
@@ -31,27 +31,19 @@ class _Path:
     breaks: Array  # s, where the line is interrupted
 
 
-def ground(
-    flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
-) -> str:
+def ground(flight: Flight, shown: Replay | None, paths: Sequence[Path], charts: Charts) -> str:
     """The ground track as HTML, with the place where IMU and autopilot are farthest apart; "" without a position."""
-    figure = ground_track(flight, shown, colour, best)
-    if figure is None:
+    if not paths:
         return ""
-    where = f"North is up.{_leaves(_paths(flight, shown, colour, best))} Metres from the flight's origin"
+    where = f"North is up.{_leaves(paths)} Metres from the flight's origin"
     if (origin := flight.origin) is not None:
         place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
         where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
-    return charts.add(figure, f"{where}.", square=True)
+    return charts.add(ground_track(shown, paths), f"{where}.", square=True)
 
 
-def ground_track(
-    flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None = None
-) -> traces.Figure | None:
-    """East and north of every path; None without a position. colour: of the IMU."""
-    paths = _paths(flight, shown, colour, best)
-    if not paths:
-        return None
+def ground_track(shown: Replay | None, paths: Sequence[Path]) -> traces.Figure:
+    """East and north of every path."""
     reference = paths[-1]
     spots = [_spot(reference.position[0], "start", "circle"), _spot(reference.position[-1], "end", "square")]
     if shown is not None and (worst := worst_stretch(shown)) is not None:
@@ -68,11 +60,8 @@ def ground_track(
     }
 
 
-def track(
-    flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
-) -> str:
-    """Height over time, of the autopilot alone where there is no replay; colour: of the IMU."""
-    paths = _paths(flight, shown, colour, best)
+def track(flight: Flight, paths: Sequence[Path], charts: Charts) -> str:
+    """Height over time, of the autopilot alone where there is no replay."""
     if not paths:
         return paragraph("Not drawn: this flight has no position.")
     more = " Double-click shows all of the IMU where it runs off." if len(paths) > 1 else ""
@@ -90,23 +79,23 @@ def regained(shown: Replay) -> Array:
     return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
 
 
-def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None) -> list[_Path]:
-    """The autopilot's comes last."""
+def paths_of(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None) -> list[Path]:
+    """The autopilot's comes last; none without a position. colour: of the IMU."""
     third = None if best is None else best_path(flight, best)
-    estimated = [] if third is None else [_Path("best estimate", palette.BEST, third.t, third.position, np.zeros(0))]
+    estimated = [] if third is None else [Path("best estimate", palette.BEST, third.t, third.position, np.zeros(0))]
     if shown is not None and shown.has_position:
         return [
-            _Path("IMU alone", colour, shown.t, shown.position_imu, shown.anchors),
+            Path("IMU alone", colour, shown.t, shown.position_imu, shown.anchors),
             *estimated,
-            _Path("autopilot", palette.AUTOPILOT, shown.t, shown.position_ref, regained(shown)),
+            Path("autopilot", palette.AUTOPILOT, shown.t, shown.position_ref, regained(shown)),
         ]
     if flight.position is None or len(flight.position) < 2:
         return []
     own = flight.position
-    return [*estimated, _Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
+    return [*estimated, Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
 
 
-def _near(paths: Sequence[_Path], axis: int) -> list[float]:
+def _near(paths: Sequence[Path], axis: int) -> list[float]:
     """The range of an axis: the autopilot's track, and the IMU's up to a few times that off."""
     reference = paths[-1].position
     room = _room(reference)
@@ -121,7 +110,7 @@ def _room(reference: Array) -> float:
     return _EXCURSION * max(float(np.ptp(reference, axis=0).max()), _LEAST_ROOM_M)
 
 
-def _leaves(paths: Sequence[_Path]) -> str:
+def _leaves(paths: Sequence[Path]) -> str:
     """How far a path leaves the map, in a sentence; "" where none does."""
     reference, room = paths[-1].position, _room(paths[-1].position)
     sentences = []
@@ -137,7 +126,7 @@ def _leaves(paths: Sequence[_Path]) -> str:
     return "".join(sentences)
 
 
-def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:
+def _events(flight: Flight, reference: Path) -> list[traces.Trace]:
     """Arming, modes and errors, on the autopilot's line."""
     events = [e for e in flight.events if reference.t[0] <= e.t <= reference.t[-1]][:_MOST_EVENTS]
     if not events:
@@ -151,7 +140,7 @@ def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:
     return [traces.markers(t, height, "arming and modes", **shown)]
 
 
-def _on_the_map(path: _Path) -> traces.Trace:
+def _on_the_map(path: Path) -> traces.Trace:
     kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * traces.MOST_POINTS)
     t, position = path.t[kept], path.position[kept]
     at = traces.breaks_among(t, path.breaks)
