@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import cycle
 
 import numpy as np
 
 from companion.analysis import Incident, imus_within, window
 from companion.estimation import BestEstimate
-from companion.model import Array, Flight
+from companion.model import Array, AttitudeTrack, ControlTrack, Flight
 from companion.present import (
     cause_lines,
     facts,
@@ -26,7 +27,6 @@ from companion.report.html_page import Charts, Section, sheet
 from companion.strapdown import quaternion
 
 _AXIS = "seconds from the moment"
-_ANGLES = (("roll", 0), ("pitch", 1))
 
 
 def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None, verdict: str, name: str) -> str:
@@ -52,15 +52,23 @@ def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None,
 
 def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> Iterator[traces.Panel]:
     start, stop, zero = incident.start_s, incident.end_s, incident.moment.t
-    yield from _attitudes(flight, best, start, stop, zero)
-    imus = imus_within(flight, start, stop)
+    sources: tuple[tuple[str, palette.Rgb, AttitudeTrack | ControlTrack | BestEstimate | None], ...] = (
+        ("desired", palette.HEADING, flight.control),
+        ("estimator", palette.AUTOPILOT, flight.attitude),
+        ("best estimate", palette.BEST, best),
+    )
+    attitudes = [(name, colour, one.t, one.q_ned_frd) for name, colour, one in sources if one is not None]
     colours = palette.of_imus(flight.imus)
-    for title, sensor, factor in (("rate, °/s", "gyro", np.degrees(1.0)), ("force, m/s²", "accel", 1.0)):
-        lines = [
-            traces.line(one.t - zero, factor * np.linalg.norm(getattr(one, sensor), axis=1), text(one.source),
-                        colours[one.source])
-            for one in imus
-        ]  # fmt: skip
+    imus = [(text(one.source), colours[one.source], one) for one in imus_within(flight, start, stop)]
+    for title, lines in (
+        ("roll, °", _lines(incident, attitudes, partial(_angle, 0))),
+        ("pitch, °", _lines(incident, attitudes, partial(_angle, 1))),
+        (
+            "rate, °/s",
+            _lines(incident, [(name, shade, one.t, one.gyro) for name, shade, one in imus], _length, np.degrees(1.0)),
+        ),
+        ("force, m/s²", _lines(incident, [(name, shade, one.t, one.accel) for name, shade, one in imus], _length)),
+    ):
         if lines:
             yield traces.Panel(title, lines)
     if flight.actuators is not None:
@@ -75,48 +83,36 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
         if used:
             lines = [traces.line(t, 100.0 * output[:, i], f"output {i + 1}", next(colour)) for i in used]
             yield traces.Panel("outputs, %", lines, {"range": [-2, 102]})
-    if flight.position is not None:
-        part = window(flight.position.t, start, stop)
-        t = flight.position.t[part]
+    if (position := flight.position) is not None:
+        part = window(position.t, start, stop)
+        t, down = position.t[part] - zero, position.position[part, 2]
         if len(t) > 1:
-            at = int(np.argmin(np.abs(t - zero)))
-            moved = flight.position.position[part] - flight.position.position[part][at]
-            yield traces.Panel("height, m", [traces.line(t - zero, -moved[:, 2], "estimator", palette.AUTOPILOT)])
-            speed = np.linalg.norm(flight.position.velocity[part], axis=1)
-            yield traces.Panel(
-                "speed, m/s",
-                [traces.line(t - zero, speed, "estimator", palette.AUTOPILOT), *_gps(flight, start, stop, zero)],
-            )
+            moved = down - down[np.argmin(np.abs(t))]
+            yield traces.Panel("height, m", [traces.line(t, -moved, "estimator", palette.AUTOPILOT)])
+            speeds = [("estimator", palette.AUTOPILOT, position.t, position.velocity)]
+            speeds += [("GPS", palette.GPS, one.t, np.nan_to_num(one.velocity)) for one in flight.gps[:1]]
+            yield traces.Panel("speed, m/s", _lines(incident, speeds, _length))
 
 
-def _gps(flight: Flight, start: float, stop: float, zero: float) -> Iterator[traces.Trace]:
-    for one in flight.gps[:1]:
-        part = window(one.t, start, stop)
-        speed = np.linalg.norm(np.nan_to_num(one.velocity[part]), axis=1)
-        if len(speed) > 1:
-            yield traces.line(one.t[part] - zero, speed, "GPS", palette.GPS)
+def _lines(
+    incident: Incident,
+    tracks: Iterable[tuple[str, palette.Rgb, Array, Array]],
+    of: Callable[[Array], Array],
+    factor: float = 1.0,
+) -> list[traces.Trace]:
+    """A line for each track (name, colour, times, values) with two samples or more: `of` its values, times a factor."""
+    lines = []
+    for name, colour, t, values in tracks:
+        part = window(t, incident.start_s, incident.end_s)
+        if len(t[part]) > 1:
+            lines.append(traces.line(t[part] - incident.moment.t, factor * of(values[part]), name, colour))
+    return lines
 
 
-def _attitudes(
-    flight: Flight, best: BestEstimate | None, start: float, stop: float, zero: float
-) -> Iterator[traces.Panel]:
-    """Roll and pitch as desired, as the estimator had it, and by the best estimate."""
-    curves: list[tuple[str, palette.Rgb, Array, Array]] = []
-    if flight.control is not None and len(flight.control):
-        curves.append(("desired", palette.HEADING, flight.control.t, flight.control.q_ned_frd))
-    if flight.attitude is not None:
-        curves.append(("estimator", palette.AUTOPILOT, flight.attitude.t, flight.attitude.q_ned_frd))
-    if best is not None:
-        curves.append(("best estimate", palette.BEST, best.t, best.q_ned_frd))
-    for name, axis in _ANGLES:
-        lines = []
-        for source, colour, t, q in curves:
-            part = window(t, start, stop)
-            if len(t[part]) > 1:
-                lines.append(
-                    traces.line(
-                        t[part] - zero, np.degrees(np.unwrap(quaternion.to_euler(q[part])[:, axis])), source, colour
-                    )
-                )
-        if lines:
-            yield traces.Panel(f"{name}, °", lines)
+def _angle(axis: int, q: Array) -> Array:
+    """Roll or pitch (N,), °, without steps at ±180°."""
+    return np.asarray(np.degrees(np.unwrap(quaternion.to_euler(q)[:, axis])))
+
+
+def _length(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=1))
