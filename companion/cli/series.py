@@ -10,7 +10,7 @@ import sys
 from companion.app.examination import examine
 from companion.cli import options, parsers
 from companion.documents import encode, series_document
-from companion.export import assessed_replay, harmless, tables
+from companion.export import assessed_replay, harmless, listed, tables, thinned
 from companion.model import DataError, counted, nearest_word
 
 _EXAMINED = ("reckoning", "best_estimate", "drift", "windows", "findings", "calibration")
@@ -43,22 +43,20 @@ def run(arguments: argparse.Namespace) -> int:
         near = nearest_word(name, [*known, *_EXAMINED])
         hint = f" Did you mean {near}?" if near else f" It has: {', '.join(known)}."
         raise DataError(f"{arguments.log} has no table {name}.{hint}")
-    chosen = None if name is None else known[name]
-    answer = series_document(
-        recording.source, flight, known, chosen, (arguments.begin, arguments.end), arguments.points
-    )
+    if name is None:
+        listing, series = [listed(table) for table in known.values()], None
+    else:
+        listing, series = [], thinned(known[name], (arguments.begin, arguments.end), arguments.points)
     if arguments.json:
-        print(encode(answer))
-        return 0
-    (of_flight,) = answer["flights"]
-    if chosen is None:
-        for table in of_flight["tables"]:
-            print(f"{table['name']}: {counted(table['rows'], 'row')}: {', '.join(c['name'] for c in table['columns'])}")
-        return 0
-    columns = of_flight["series"]["columns"]
-    rows = csv.writer(sys.stdout, lineterminator="\n")
-    rows.writerow(column["name"] for column in columns)
-    rows.writerows(map(_cell, row) for row in zip(*(column["values"] for column in columns), strict=True))
+        print(encode(series_document(recording.source, flight, listing, series)))
+    elif series is None:
+        for table in known.values():
+            print(f"{table.name}: {counted(len(table), 'row')}: {', '.join(column.name for column in table)}")
+    else:
+        columns = series["columns"]
+        rows = csv.writer(sys.stdout, lineterminator="\n")
+        rows.writerow(column["name"] for column in columns)
+        rows.writerows(map(_cell, row) for row in zip(*(column["values"] for column in columns), strict=True))
     return 0
 
 

@@ -12,7 +12,7 @@ from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
 from companion.export.paths import write_estimate_tum, write_kml, write_tum
-from companion.export.table import Column, Contents, Format, Table, harmless, series_name
+from companion.export.table import Column, Contents, Format, Table, harmless, listed, series_name, thinned
 from companion.export.tracks import assessed_replay, tables
 
 reckoning_of = assessed_replay  # deprecated: its old name

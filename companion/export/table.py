@@ -88,6 +88,36 @@ class Table:
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=_stated(table=self.name, **self.about)))
 
 
+def listed(table: Table) -> dict[str, Any]:
+    """What a table has, without its values."""
+    columns = [_head(column) for column in table]
+    return {"name": table.name, "rows": len(table), "about": dict(table.about), "columns": columns}
+
+
+def thinned(table: Table, span: tuple[float | None, float | None], most: int) -> dict[str, Any]:
+    """The values between two times of the boot clock, s.
+
+    Of more than `most` rows so many, evenly; each column has the least and the greatest of all.
+    """
+    inside = np.ones(len(table), bool)
+    if (t := next((column.values for column in table if column.name == "t_s"), None)) is not None:
+        begin, end = span
+        inside = (t >= (-np.inf if begin is None else begin)) & (t <= (np.inf if end is None else end))
+    rows = np.flatnonzero(inside)
+    shown = rows[np.unique(np.linspace(0, len(rows) - 1, most).round().astype(np.intp))] if len(rows) > most else rows
+    columns = [{**_head(c), **_ends(c.values[rows]), "values": c.values[shown].tolist()} for c in table]
+    return {"table": table.name, "rows": len(rows), "columns": columns}
+
+
+def _head(column: Column) -> dict[str, str]:
+    return {"name": column.name, "unit": column.unit, "frame": column.frame}
+
+
+def _ends(values: Values) -> dict[str, Any]:
+    known = values[np.isfinite(values)] if values.dtype.kind in "fiu" else values[:0]
+    return {"least": known.min() if len(known) else None, "greatest": known.max() if len(known) else None}
+
+
 def harmless(text: str) -> str:
     """The text, with an apostrophe before a spreadsheet's formula: texts of a vehicle are untrusted."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
