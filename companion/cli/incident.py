@@ -34,16 +34,15 @@ def run(arguments: argparse.Namespace) -> int:
     name = Path(arguments.log).name
     if arguments.json:
         print(encode(incident_document(recording.source, flight, shown)))
-    if path is None:
-        if not arguments.json:
-            print(incident_markdown(shown, flight, verdict, name), end="")
-        return 0
-    if path.suffix == ".html":
+    if path is not None and path.suffix == ".html":
         from companion.report import incident_html  # noqa: PLC0415  (the charts are slow to import)
 
         page = incident_html(shown, flight, None if assessment is None else assessment.best, verdict, name)
     else:
         page = incident_markdown(shown, flight, verdict, name)
-    files.write(path, page)
-    options.say(f"written: {path}")
+    if path is not None:
+        files.write(path, page)
+        options.say(f"written: {path}")
+    elif not arguments.json:
+        print(page, end="")
     return 0

@@ -25,7 +25,7 @@ from companion.present import SENSORS, density, fixed, interval
 _VIBRATION = {"gyro": ("°/s", float(np.degrees(1.0))), "accel": ("m/s²", 1.0)}
 """Unit of a vibration, and the factor to it."""
 
-_FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
+_TEXTS = {".yaml": kalibr_text, ".yml": kalibr_text, ".toml": imu_model_text}
 _MOST_PEAKS = 4
 
 
@@ -73,7 +73,7 @@ def _all(
 
 
 def _check(path: Path, *, force: bool) -> None:
-    if path.suffix in _FILES:
+    if path.suffix in _TEXTS:
         files.check(path, force=force)
     elif path.suffix:
         raise InputError(
@@ -84,13 +84,12 @@ def _check(path: Path, *, force: bool) -> None:
 
 
 def _write(path: Path, noise: ImuNoise, origin: str) -> None:
-    texts = {"kalibr": kalibr_text, "model": imu_model_text}
-    if (kind := _FILES.get(path.suffix)) is not None:
-        files.write(path, texts[kind](noise, origin))
+    if path.suffix in _TEXTS:
+        files.write(path, _TEXTS[path.suffix](noise, origin))
     else:
         with files.filling(path) as folder:
-            (folder / "imu.yaml").write_text(kalibr_text(noise, origin), encoding="utf-8")
-            (folder / "imu.toml").write_text(imu_model_text(noise, origin), encoding="utf-8")
+            for suffix in (".yaml", ".toml"):
+                (folder / f"imu{suffix}").write_text(_TEXTS[suffix](noise, origin), encoding="utf-8")
     options.say(f"written: {path} ({noise.imu})")
 
 

@@ -68,9 +68,7 @@ def _of_link(arguments: argparse.Namespace) -> int:
 
 
 def _of_log(arguments: argparse.Namespace) -> int:
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     result = preflight_of(flight)
     aged = _aged(arguments.history, settings, recording, flight, result) if arguments.history else ()
     tables.show(arguments, _lines(result, aged), lambda: preflight_document(recording.source, flight, result, aged))
