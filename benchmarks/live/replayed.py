@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.accuracy.labels import PACKED, SHARED
 from companion.analysis import Band, Cause, LiveVerdict, Verdict
-from companion.app.live import Judge, Pace
+from companion.app.live import Judge, Pace, new_stream
 from companion.app.running_verdict import Assignment, verdict_on
 from companion.app.settings import Settings
 from companion.mavlink import Decoder, load_dialect, log_time
@@ -86,7 +86,7 @@ def listened(path: Path, cost: float, until: float = np.inf) -> list[Told]:
         causes[0] = verdict.cause if verdict.status in _WORDS else None
         return verdict, band
 
-    judge = Judge(noted, dialect=assignment.settings.log.dialect)
+    judge = Judge(noted, new_stream(assignment.settings.log.dialect))
     pace, now, out = Pace(judge), 0.0, list[Told]()
     for data, received in pieces(path):
         judge.receive(data, received)

@@ -39,7 +39,7 @@ from companion.analysis import (
     standing_verdict,
 )
 from companion.app.examination import assess_imu
-from companion.app.live import Judges, Judging, NothingYetError
+from companion.app.live import Judges, Judging, NothingYetError, new_stream
 from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.constants import num
@@ -223,13 +223,8 @@ def _listen(given: IO[bytes], inbox: queue.SimpleQueue[_Given | None]) -> None:
 def judges_of(assignment: Assignment) -> Judges:
     """Who judge as an assignment says."""
     log = assignment.settings.log
-    return Judges(
-        partial(verdict_on, assignment),
-        dialect=log.dialect,
-        dequantise=log.dequantise,
-        imu=assignment.imu,
-        vehicle=assignment.vehicle,
-    )
+    stream = new_stream(log.dialect, dequantise=log.dequantise)
+    return Judges(partial(verdict_on, assignment), stream, imu=assignment.imu, vehicle=assignment.vehicle)
 
 
 def verdict_on(assignment: Assignment) -> Judging:

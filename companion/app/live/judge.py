@@ -49,27 +49,26 @@ class NothingYetError(DataError):
 class Judge:
     """Of one vehicle: give `receive` what arrives, then `judge` as often as can be afforded.
 
-    verdict_on: judges a flight as a log; may raise DataError. imu: its message; the default where it does not come.
-    vehicle: SYSID or SYSID:COMPID; None: the first with an IMU that is received, as long as it is. Memory does not
-    grow: only the last seconds and the alarms are kept. stream: what has arrived, where several judges share it.
+    verdict_on: judges a flight as a log; may raise DataError. stream: what has arrived (`new_stream`), which several
+    judges may share. imu: its message; the default where it does not come. vehicle: SYSID or SYSID:COMPID; None: the
+    first with an IMU that is received, as long as it is. Memory does not grow: only the last seconds and the alarms
+    are kept.
     """
 
     def __init__(
         self,
         verdict_on: Judging,
+        stream: Stream,
         *,
-        dialect: str,
-        dequantise: bool = False,
         imu: str | None = None,
         vehicle: str | None = None,
-        stream: Stream | None = None,
     ) -> None:
         self.verdict_on = verdict_on
         self.imu = imu
         self.vehicle = vehicle
         self.most_s = MOST_S  # of data that are judged: less where that takes too long
         self.others: tuple[str, ...] = ()  # further vehicles with an IMU at the last judgement
-        self._stream = stream or new_stream(dialect, dequantise=dequantise)
+        self._stream = stream
         self.newest = 0.0  # s UNIX, when the newest data arrived; 0: nothing has
         self.last = LiveVerdict("", "nothing has been received")  # what was said last
         self._since = math.inf  # s UNIX, the first alarm since nobody was suspect

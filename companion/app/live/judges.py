@@ -14,7 +14,8 @@ from dataclasses import replace
 from math import sqrt
 
 from companion.analysis import LiveVerdict
-from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging, new_stream
+from companion.app.live.judge import HORIZON_S, LEAST_S, MOST_S, Judge, Judging
+from companion.telemetry import Stream
 
 _LOOK_S = 0.4  # between two looks: data are handed over twice as often
 PAUSE_S = 4.0  # between the beginnings of two verdicts
@@ -85,23 +86,23 @@ _MOST_JUDGED = 8  # vehicles: each costs the processor as much as one alone
 class Judges:
     """Give `receive` what arrives, and `step` the time as often as you like.
 
-    judging: makes what judges a flight, one for each vehicle. vehicle: SYSID or SYSID:COMPID; None: the first that
-    sends an IMU, as long as it is received; "all": each of the first eight. imu: as for `Judge`.
+    judging: makes what judges a flight, one for each vehicle. stream: what has arrived (`new_stream`). vehicle: SYSID
+    or SYSID:COMPID; None: the first that sends an IMU, as long as it is received; "all": each of the first eight.
+    imu: as for `Judge`.
     """
 
     def __init__(
         self,
         judging: Callable[[], Judging],
+        stream: Stream,
         *,
-        dialect: str,
-        dequantise: bool = False,
         imu: str | None = None,
         vehicle: str | None = None,
     ) -> None:
         self._judging = judging
-        self._imu, self._dialect = imu, dialect
+        self._imu = imu
         self._all = vehicle == "all"
-        self._stream = new_stream(dialect, dequantise=dequantise)
+        self._stream = stream
         self._newest = 0.0
         self._paces = [self._pace(None if self._all else vehicle)]
 
@@ -132,7 +133,7 @@ class Judges:
         return None
 
     def _pace(self, vehicle: str | None) -> Pace:
-        judge = Judge(self._judging(), dialect=self._dialect, imu=self._imu, vehicle=vehicle, stream=self._stream)
+        judge = Judge(self._judging(), self._stream, imu=self._imu, vehicle=vehicle)
         judge.newest = self._newest
         return Pace(judge)
 

@@ -9,7 +9,7 @@ import pytest
 
 import companion as c
 from companion.analysis import Band, Verdict
-from companion.app.live import HORIZON_S, Judge
+from companion.app.live import HORIZON_S, Judge, new_stream
 from companion.estimation import smooth
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
 from companion.model import Flight
@@ -35,7 +35,7 @@ def test_the_estimate_over_the_live_window_is_that_of_a_log_of_the_same_data(tmp
         judged.append(flight)
         return Verdict("consistent", "", ()), ()
 
-    judge = Judge(judging, dialect=DEFAULT_DIALECT)
+    judge = Judge(judging, new_stream(DEFAULT_DIALECT))
     pieces = np.split(np.flatnonzero(seen), np.arange(7, int(seen.sum()), 7))  # some frames at a time, as from a link
     for piece in pieces:
         packets = b"".join(frames.data[frames.start[i] : frames.start[i] + frames.size[i]].tobytes() for i in piece)

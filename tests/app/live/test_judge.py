@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import Band, Comparison, LiveVerdict, Verdict
-from companion.app.live import HORIZON_S, Judge, Judges
+from companion.app.live import HORIZON_S, Judge, Judges, new_stream
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -40,7 +40,7 @@ class Said:
 def live_verdicts(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iterator[LiveVerdict]:
     """What is said of a simulated flight, every so many seconds."""
     vehicle = SimulatedVehicle(fly(seconds), streams=STREAMS)
-    judge = Judge(said, dialect=DEFAULT_DIALECT)
+    judge = Judge(said, new_stream(DEFAULT_DIALECT))
     for i in range(1, int(seconds / every_s) + 1):
         for t, packets in bursts(vehicle, i * every_s):
             judge.receive(packets, EPOCH + t)
@@ -96,7 +96,7 @@ def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> N
 )
 def test_what_has_just_begun_is_noticed(fault: Faults, is_urgent: bool) -> None:
     vehicle = SimulatedVehicle(fly(40.0, faults=fault), streams=STREAMS)
-    judge = Judge(Said(), dialect=DEFAULT_DIALECT)
+    judge = Judge(Said(), new_stream(DEFAULT_DIALECT))
     assert not judge.is_urgent(), "nothing has come"
     for t, packets in bursts(vehicle, 31.5):
         judge.receive(packets, EPOCH + t)
@@ -106,7 +106,7 @@ def test_what_has_just_begun_is_noticed(fault: Faults, is_urgent: bool) -> None:
 @pytest.mark.parametrize("imu", ["RAW_IMU", "SCALED_IMU2"])
 def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, monkeypatch: pytest.MonkeyPatch) -> None:
     vehicle = SimulatedVehicle(fly(60.0), streams={**STREAMS, "SCALED_IMU2": 50.0})
-    after, anew = (Judge(lambda *_: (GOOD, BAND), dialect=DEFAULT_DIALECT, imu=imu) for _ in range(2))
+    after, anew = (Judge(lambda *_: (GOOD, BAND), new_stream(DEFAULT_DIALECT), imu=imu) for _ in range(2))
     seen: list[Comparison] = []
 
     def looked(comparison: Comparison) -> bool:
@@ -140,8 +140,8 @@ def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, mon
 def test_it_is_noticed_in_the_imu_that_was_chosen() -> None:
     fault = Faults(imu_bias=(30.0, 0.2))  # of the first IMU alone
     vehicle = SimulatedVehicle(fly(40.0, faults=fault), streams={**STREAMS, "SCALED_IMU2": 50.0})
-    first = Judge(Said(), dialect=DEFAULT_DIALECT, imu="RAW_IMU")
-    second = Judge(Said(), dialect=DEFAULT_DIALECT, imu="SCALED_IMU2")
+    first = Judge(Said(), new_stream(DEFAULT_DIALECT), imu="RAW_IMU")
+    second = Judge(Said(), new_stream(DEFAULT_DIALECT), imu="SCALED_IMU2")
     for t, packets in bursts(vehicle, 31.5):
         for judge in (first, second):
             judge.receive(packets, EPOCH + t)
@@ -154,7 +154,7 @@ def test_what_cannot_be_judged_is_said() -> None:
     def no(_flight: Flight, _imu: str | None) -> tuple[Verdict, Band]:
         raise DataError("too short")
 
-    judge = Judge(no, dialect=DEFAULT_DIALECT)
+    judge = Judge(no, new_stream(DEFAULT_DIALECT))
     assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages received")
     vehicle = SimulatedVehicle(fly(20.0, motion="rest"), streams=STREAMS)
     for t, packets in bursts(vehicle, 15.0):
@@ -165,7 +165,7 @@ def test_what_cannot_be_judged_is_said() -> None:
 
 def test_a_vehicle_that_was_chosen_is_judged_alone() -> None:
     said = Said(*[GOOD] * 4)
-    judges = {name: Judge(said, dialect=DEFAULT_DIALECT, vehicle=name) for name in ("2", "1:1", "3")}
+    judges = {name: Judge(said, new_stream(DEFAULT_DIALECT), vehicle=name) for name in ("2", "1:1", "3")}
     for sysid in (1, 2):
         for t, packets in bursts(SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid), 8.0):
             for judge in judges.values():
@@ -186,7 +186,7 @@ def two_vehicles(until: dict[int, float]) -> Iterator[tuple[float, bytes]]:
 
 
 def test_a_vehicle_is_judged_as_long_as_it_is_heard_and_a_change_is_said() -> None:
-    judge, said = Judge(Said(*[GOOD] * 40), dialect=DEFAULT_DIALECT), list[LiveVerdict]()
+    judge, said = Judge(Said(*[GOOD] * 40), new_stream(DEFAULT_DIALECT)), list[LiveVerdict]()
     due = 8.0
     for t, packets in two_vehicles({1: 20.0, 2: 100.0}):
         judge.receive(packets, EPOCH + t)
@@ -209,7 +209,7 @@ def test_every_vehicle_of_a_link_is_judged_by_itself() -> None:
         made.append(Said(*[GOOD] * 40))
         return made[-1]
 
-    judges, said = Judges(judging, dialect=DEFAULT_DIALECT, vehicle="all"), list[LiveVerdict]()
+    judges, said = Judges(judging, new_stream(DEFAULT_DIALECT), vehicle="all"), list[LiveVerdict]()
     for t, packets in two_vehicles({1: 30.0, 2: 30.0}):
         judges.receive(packets, EPOCH + t)
         one = judges.step(t)
@@ -221,7 +221,7 @@ def test_every_vehicle_of_a_link_is_judged_by_itself() -> None:
 
 
 def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
-    judge = Judge(Said(*[GOOD] * 4), dialect=DEFAULT_DIALECT)
+    judge = Judge(Said(*[GOOD] * 4), new_stream(DEFAULT_DIALECT))
     vehicle = SimulatedVehicle(fly(40.0), streams=STREAMS)
     for t, packets in bursts(vehicle, 20.0):
         judge.receive(packets, EPOCH + t)

@@ -7,7 +7,7 @@ import lzma
 import pytest
 
 from companion.app.examination import assess_imu
-from companion.app.live import Judge
+from companion.app.live import Judge, new_stream
 from companion.app.settings import Settings
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
 from tests.recordings import recording
@@ -18,7 +18,9 @@ pytestmark = pytest.mark.slow
 def test_an_estimator_that_aligns_on_the_pad_is_not_judged() -> None:
     """ArduCopter's first 28 s: the heading slews from -19.8° to -3° without any gyro."""
     data = lzma.decompress(recording("ap_faults/boot_pad_first28s.tlog.xz").read_bytes())
-    judge = Judge(lambda flight, imu: (assess_imu(flight, Settings(), imu=imu).verdict, ()), dialect=DEFAULT_DIALECT)
+    judge = Judge(
+        lambda flight, imu: (assess_imu(flight, Settings(), imu=imu).verdict, ()), new_stream(DEFAULT_DIALECT)
+    )
     decoder = Decoder(load_dialect(), stamped=True)
     said = []
     for begin in range(0, len(data), 40_000):
