@@ -132,10 +132,12 @@ _STATUS = np.array([_NO_FIX, _NO_FIX, _FIX, _FIX, _SBAS, _GBAS, _GBAS, _FIX, _GB
 """GPS_FIX_TYPE 0 no GPS, 1 no fix, 2 2D, 3 3D, 4 DGPS, 5 RTK float, 6 RTK fixed, 7 static, 8 PPP → NavSatStatus."""
 
 
-def write_rosbag2(folder: Path, flight: Flight, shown: Replay, assessed: Assessment) -> list[Path]:
+def write_rosbag2(folder: Path, one: Contents) -> list[Path]:
     """The bag's two files. Raises InputError when mcap is not installed."""
-    bag, metadata = folder / "flight_0.mcap", folder / "metadata.yaml"
-    channels = [*_readings(flight), *(_trajectories(flight, shown, assessed) if shown.has_position else ())]
+    bag, metadata, flight = folder / "flight_0.mcap", folder / "metadata.yaml", one.flight
+    channels = list(_readings(flight))
+    if one.shown.has_position:
+        channels += _trajectories(flight, one.shown, one.assessment)
     about = {
         **clock_of(flight),
         "frames": "world enu; bodies imu, autopilot, best: FLU; readings in imu",
@@ -260,8 +262,4 @@ def _metadata(bag: str, channels: list[Channel]) -> bytes:
     return text + b"\n"
 
 
-def _write(folder: Path, one: Contents) -> list[Path]:
-    return write_rosbag2(folder, one.flight, one.shown, one.assessment)
-
-
-FORMATS = (Format("rosbag2", "a ROS 2 bag", _write, is_folder=True),)
+FORMATS = (Format("rosbag2", "a ROS 2 bag", write_rosbag2, is_folder=True),)

@@ -162,26 +162,21 @@ def preflight_table(result: Preflight, aged: Sequence[Ageing] = ()) -> Table:
     order = {"no_go": 0, "unknown": 1, "go": 2}
     rows = []
     for one in sorted(result.checks, key=lambda c: order[c.outcome]):
-        cells = [OUTCOMES[one.outcome], capitalised(words(one.name)), one.sensor, _check_size(one), _limit(one)]
+        cells = [OUTCOMES[one.outcome], capitalised(words(one.name)), one.sensor, *_size_and_limit(one)]
         if aged:
             cells.append(_before(one, before.get((one.name, one.sensor))))
         rows.append((*cells, _autopilot(one)))
     return text_table(titles, rows)
 
 
-def _check_size(one: Check) -> str:
+def _size_and_limit(one: Check) -> tuple[str, str]:
     if one.name in _COUNTED or not one.limit:
-        return one.note
+        return one.note, ""
     unit, factor = _unit(one.unit)
-    return with_unit(_plus_minus(one.size, one.sigma, factor), unit)
-
-
-def _limit(one: Check) -> str:
-    if one.name in _COUNTED or not one.limit:
-        return ""
-    unit, factor = _unit(one.unit)
-    shown = with_unit(fixed(one.limit * factor), unit)
-    return shown if one.outcome == "go" else f"{shown} (beyond: {probability(one.probability)})"
+    beyond = "" if one.outcome == "go" else f" (beyond: {probability(one.probability)})"
+    return with_unit(_plus_minus(one.size, one.sigma, factor), unit), with_unit(
+        fixed(one.limit * factor), unit
+    ) + beyond
 
 
 def _autopilot(one: Check) -> str:

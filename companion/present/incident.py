@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from companion.analysis import Incident, Output, ProbableCause
 from companion.analysis import percent as probability
@@ -100,46 +100,27 @@ def timeline(incident: Incident) -> Iterator[tuple[str, str, str]]:
 
 def incident_markdown(incident: Incident, flight: Flight, verdict: str, name: str) -> str:
     """The whole page in Markdown. name: of the log; verdict: the sentence of the analysis, "" for none."""
-    return "\n".join(_markdown(incident, flight, verdict, name)) + "\n"
-
-
-def _markdown(incident: Incident, flight: Flight, verdict: str, name: str) -> Iterator[str]:
     before, after = incident.moment.t - incident.start_s, incident.end_s - incident.moment.t
-    yield f"## {_escaped(heading(incident))}"
-    yield ""
-    yield (
+    blocks = [
+        f"## {_escaped(heading(incident))}",
         f"{_escaped(vehicle_words(flight.vehicle))}, log {_code(name)}; from {before:.0f} s before to {after:.0f} s "
-        "after the moment. Times are relative to it."
-    )
-    yield ""
-    if verdict:
-        yield f"**Sensors and estimator until then:** {_escaped(clean(verdict))}"
-        yield ""
-    yield "### Probable causes"
-    yield ""
-    yield from _table(("cause", "probability", "what speaks for it"), list(cause_lines(incident)))
-    yield ""
-    yield "### What sensors and controls did"
-    yield ""
-    yield from (f"- **{_escaped(what)}**: {_escaped(said)}" for what, said in facts(incident))
-    yield ""
-    yield "### Timeline"
-    yield ""
-    yield from _table(("time", "", "text"), list(timeline(incident)))
-    yield ""
-    yield (
+        "after the moment. Times are relative to it.",
+        *([f"**Sensors and estimator until then:** {_escaped(clean(verdict))}"] if verdict else []),
+        "### Probable causes",
+        _table(("cause", "probability", "what speaks for it"), cause_lines(incident)),
+        "### What sensors and controls did",
+        "\n".join(f"- **{_escaped(what)}**: {_escaped(said)}" for what, said in facts(incident)),
+        "### Timeline",
+        _table(("time", "", "text"), timeline(incident)),
         "_Made by `companion incident`. The probabilities weigh what each cause usually shows; they are no proof, and "
-        "what is not in the log was not guessed._"
-    )
+        "what is not in the log was not guessed._",
+    ]
+    return "\n\n".join(blocks) + "\n"
 
 
-def _table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
-    if not rows:
-        yield "Nothing."
-        return
-    yield f"| {' | '.join(titles)} |"
-    yield f"|{'---|' * len(titles)}"
-    yield from (f"| {' | '.join(map(_escaped, row))} |" for row in rows)
+def _table(titles: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [f"| {' | '.join(map(_escaped, row))} |" for row in rows]
+    return "\n".join([f"| {' | '.join(titles)} |", f"|{'---|' * len(titles)}", *lines]) if lines else "Nothing."
 
 
 def _escaped(text: str) -> str:
