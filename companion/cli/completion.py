@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     from companion.cli.main import commands_of, parser  # noqa: PLC0415  (which imports this module)
 
     top = parser()
-    for command in commands_of(top).choices.values():
+    for command in commands_of(top).values():
         for action in command._actions:
             if action.metavar in _FILES:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]

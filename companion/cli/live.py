@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TextIO
 
 from companion.app.settings import Settings
-from companion.cli import parsers
+from companion.cli import options, parsers
 from companion.links import Address, Choice, Link, NotThereError, Recorder, Session, parse_address
 from companion.mavlink import load_key
 from companion.model import SettingsError, counted
@@ -187,14 +187,11 @@ def until_signal(*, outlive_terminal: bool = True) -> Iterator[Callable[[], bool
     outlive_terminal: a terminal that is closed (SIGHUP) ends nothing: the flight is not over.
     """
     ended: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: ended.append(number)) for number in _SIGNALS}
+    handlers: dict[int, options.Handler] = {number: lambda number, _: ended.append(number) for number in _SIGNALS}
     if outlive_terminal and _HANGUP is not None:
-        before[_HANGUP] = signal.signal(_HANGUP, signal.SIG_IGN)
-    try:
+        handlers[_HANGUP] = signal.SIG_IGN
+    with options.handled(handlers):
         yield lambda: bool(ended)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def say(text: str, end: str = "\n") -> None:
@@ -220,8 +217,7 @@ def _write(stream: TextIO | None, text: str) -> None:
         stream.write(text)
         stream.flush()
     except (OSError, ValueError):  # its reader has gone, the terminal is closed
-        with contextlib.suppress(OSError, ValueError), Path(os.devnull).open("wb") as nothing:
-            os.dup2(nothing.fileno(), stream.fileno())  # what is left in its buffer must not fail again at the end
+        options.write_no_more(stream)
 
 
 def _takes(stream: TextIO) -> bool:

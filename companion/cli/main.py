@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import errno
 import io
-import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn, TypeAlias
+from typing import NoReturn
 
 from companion.cli import options, unexpected_error
 from companion.cli.commands import COMMANDS
 from companion.model import CompanionError, SettingsError, nearest_word
-
-_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
 """Failures to write to stdout. Errors of files have a name; those of a network other numbers, or none."""
@@ -37,12 +33,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of our output has gone (| head)
-        _write_no_more()
+        options.write_no_more(sys.stdout)
         return 141
     except Exception as error:  # noqa: BLE001  (the border of the program)
         if isinstance(error, OSError) and error.filename is None and error.errno in _OF_OUTPUT:
             print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
-            _write_no_more()
+            options.write_no_more(sys.stdout)
             return 2
         return unexpected_error.report(error, sys.argv[1:] if argv is None else argv)
     return code
@@ -81,16 +77,16 @@ def _check_command(given: str) -> None:
 
 def _no_such(given: str, command: str) -> str:
     """The message for an argument that a command does not have."""
-    actions = commands_of(parser(command)).choices[command]._actions
+    actions = commands_of(parser(command))[command]._actions
     options = [option.strip("-") for action in actions for option in action.option_strings]
     near = nearest_word(given.partition("=")[0].strip("-"), options) if given.startswith("--") else ""
     hint = f"Did you mean --{near}?" if near else f"See companion help {command}"
     return f"companion {command} does not take {given}. {hint}"
 
 
-def commands_of(top: argparse.ArgumentParser) -> _Commands:
-    """The parsers of the commands."""
-    return next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
+def commands_of(top: argparse.ArgumentParser) -> Mapping[str, argparse.ArgumentParser]:
+    """Name → the parser of a command."""
+    return next(action.choices for action in top._actions if isinstance(action, argparse._SubParsersAction))
 
 
 def overview() -> str:
@@ -103,12 +99,6 @@ def overview() -> str:
         + ["Try:   companion analyze demo    (demo: the bundled flight; else a log's path)"]
         + ["More:  companion help COMMAND"]
     )
-
-
-def _write_no_more() -> None:
-    """What is left in the buffer of stdout must not fail again at the end."""
-    with contextlib.suppress(OSError, ValueError, AttributeError), open(os.devnull, "wb") as nothing:  # noqa: PTH123
-        os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
 class _Parser(argparse.ArgumentParser):

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import shlex
 import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, NoReturn, TextIO, TypeAlias
 
 import msgspec
 from rich.console import Console
@@ -36,6 +37,7 @@ STDIN = "stdin"
 
 _PIECE_BYTES = 1 << 20
 _ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+Handler: TypeAlias = "Callable[[int, FrameType | None], object] | signal.Handlers"
 _EXAMPLE = "xz -dc flight.tlog.xz | companion analyze -"
 
 
@@ -55,7 +57,7 @@ def kept(arguments: argparse.Namespace) -> Iterator[None]:
     if len(named) + len(several) > 1:
         raise SettingsError("- stands for the log on stdin, which is read once: name the other one by its path.")
     most_bytes = round(settings_of(arguments).log.max_size_gb * 1e9)
-    with _cleaned_up_on_signals(), tempfile.TemporaryDirectory(prefix="companion-") as folder:
+    with handled(_endings()), tempfile.TemporaryDirectory(prefix="companion-") as folder:
         path = Path(folder) / STDIN
         _keep(path, most_bytes)
         arguments.piped = path
@@ -97,19 +99,21 @@ def _keep(path: Path, most_bytes: int) -> None:
 
 
 @contextlib.contextmanager
-def _cleaned_up_on_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the command as an error does: what is on the way out is done. One ignored stays so."""
-    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        yield
-        return
-    before = {number: handler for number in _ENDING if (handler := signal.getsignal(number)) is signal.SIG_DFL}
-    for number in before:
-        signal.signal(number, _end)
+def handled(handlers: Mapping[int, Handler]) -> Iterator[None]:
+    """Signals handled so meanwhile: number → handler."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _endings() -> dict[int, Handler]:
+    """SIGTERM and SIGHUP end the command as an error does: what is on the way out is done. One ignored stays so."""
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+        return {}
+    return {number: _end for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL}
 
 
 def _end(number: int, _frame: FrameType | None) -> NoReturn:
@@ -292,6 +296,12 @@ def warn_of_damage(source: Source) -> None:
             f"{counted(source.bad_crc_frames, 'frame')} with a wrong checksum left out; "
             f"{counted(source.frames, 'good frame')} read"
         )
+
+
+def write_no_more(stream: TextIO) -> None:
+    """Who reads a stream has gone: what is left in its buffer must not fail again at the end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError), Path(os.devnull).open("wb") as nothing:
+        os.dup2(nothing.fileno(), stream.fileno())
 
 
 def say(text: str) -> None:

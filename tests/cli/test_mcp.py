@@ -57,7 +57,7 @@ def test_every_tool_is_a_command_with_a_documented_document(folder: Path) -> Non
     listed = {tool.name: tool for tool in asked(folder, lambda client: client.list_tools()).tools}
     assert listed.keys() == {"list_logs", *TOOLS}
     for name, tool in TOOLS.items():
-        (command,) = commands_of(parser(name)).choices.values()
+        (command,) = commands_of(parser(name)).values()
         options = {option for action in command._actions for option in action.option_strings}
         assert {f"--{option}" for option in tool.options} | {"--json"} <= options
         assert listed[name].annotations is not None
