@@ -13,7 +13,6 @@ from companion.present.checks import (
 from companion.present.findings import (
     MOST_LINES,
     FindingGroup,
-    Headline,
     flight_lines,
     grouped,
     headline,
