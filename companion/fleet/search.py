@@ -29,15 +29,6 @@ class FoundLog:
     stamp: str  # changes when the file does: modification and change times, ns
 
 
-@dataclass(frozen=True, slots=True)
-class Search:
-    """What was found, and what was passed over."""
-
-    logs: tuple[FoundLog, ...]  # in the order of their paths
-    no_logs: tuple[str, ...]  # named like logs, but something else by their content
-    closed: tuple[str, ...]  # folders that cannot be searched, with the reason
-
-
 def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search:
     """The logs that the paths stand for, each file once.
 
@@ -45,22 +36,21 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
     .ulg are taken, .bin, .log and compressed files when their content is a log's. A path with * ? or [ is a
     pattern, ** any depth. Raises InputError for a path that is none of these, and when no log is found.
     """
-    walk = _Walk(dialect)
+    search = Search(dialect)
     for path in paths:
         for name in _expanded(path):
             if Path(name).is_dir():
-                walk.folder(name)
+                search.folder(name)
             else:
-                walk.file(name)
-    if not walk.logs:
+                search.file(name)
+    if not search.logs:
         searched = ", ".join(paths)
-        passed = f" Passed over: {_some([*walk.closed, *walk.no_logs])}." if walk.closed or walk.no_logs else ""
+        passed = f" Passed over: {_some([*search.closed, *search.no_logs])}." if search.closed or search.no_logs else ""
         raise InputError(
             f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .log and compressed logs."
             f"{passed} Name the folder or the files."
         )
-    logs = tuple(sorted(walk.logs.values(), key=lambda log: log.path))
-    return Search(logs, tuple(walk.no_logs), tuple(walk.closed))
+    return search
 
 
 def short_names(paths: Sequence[str]) -> dict[str, str]:
@@ -83,15 +73,20 @@ def digest_of(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-class _Walk:
-    """One search: what was found so far, and where it has been."""
+class Search:
+    """What was found, what was passed over, and where it has been."""
 
     def __init__(self, dialect: str) -> None:
         self._dialect = dialect
-        self.logs: dict[str, FoundLog] = {}  # by the path without symbolic links
-        self.no_logs: list[str] = []
-        self.closed: list[str] = []
+        self._logs: dict[str, FoundLog] = {}  # by the path without symbolic links
+        self.no_logs: list[str] = []  # named like logs, but something else by their content
+        self.closed: list[str] = []  # folders that cannot be searched, with the reason
         self._been: set[tuple[int, int]] = set()  # device and inode of folders: links may run in circles
+
+    @property
+    def logs(self) -> tuple[FoundLog, ...]:
+        """In the order of their paths."""
+        return tuple(sorted(self._logs.values(), key=lambda log: log.path))
 
     def folder(self, top: str) -> None:
         """Take the logs in a folder and below it."""
@@ -120,7 +115,7 @@ class _Walk:
                 self.no_logs.append(path)
                 return
             log = FoundLog(path, status.st_size, f"{status.st_mtime_ns}-{status.st_ctime_ns}")
-        self.logs.setdefault(os.path.realpath(path), log)
+        self._logs.setdefault(os.path.realpath(path), log)
 
     def _is_log(self, path: str) -> bool:
         try:
