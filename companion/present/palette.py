@@ -21,8 +21,7 @@ AXES: tuple[Rgb, Rgb, Rgb] = ((170, 51, 119), (133, 133, 0), (68, 68, 170))
 CURSOR: Rgb = (130, 130, 130)  # the current instant, and what is expected
 
 CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
-BRAND: Rgb = (68, 78, 92)  # given to viser, which draws it 1.34 times as light on a light page: see `BRAND_DRAWN`
-BRAND_DRAWN: Rgb = (92, 105, 123)
+BRAND: Rgb = (68, 78, 92)  # given to viser, which draws it 1.34 times as light on a light page
 GOOD: Rgb = (26, 115, 60)
 DOUBTFUL: Rgb = (133, 84, 0)
 BAD: Rgb = (176, 32, 24)
@@ -33,11 +32,6 @@ SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", 
 SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": DOUBTFUL, "info": CONTROLS}
 """Of findings: behind white words too."""
 
-LIGHT: Rgb = (255, 255, 255)
-DARK: Rgb = (36, 36, 36)
-"""The panels of the page."""
-WORDS: dict[Rgb, Rgb] = {LIGHT: (0, 0, 0), DARK: (201, 201, 201)}
-"""Panel → the words on it."""
 QUIET = 0.7
 """Opacity of words that matter less."""
 TROUBLE: Rgb = (176, 32, 24)
@@ -53,17 +47,6 @@ SIGMAS: tuple[tuple[float, Rgb], ...] = ((1.0, (139, 178, 208)), (2.0, (224, 164
 """Error in σ of what is allowed → colour of the autopilot's track: pale blue, amber, red, and mixed in between."""
 UNKNOWN: Rgb = (175, 175, 175)
 """Where no error is known."""
-
-
-def contrast(one: Rgb, other: Rgb) -> float:
-    """Contrast ratio of two colours, 1 to 21 (WCAG 2.1, 1.4.3): 4.5 is the least for text."""
-    light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
-
-
-def _luminance(colour: Rgb) -> float:
-    r, g, b = ((c / 255 / 12.92) if c <= 10 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in colour)
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b
 
 
 def of_imus(names: Iterable[str]) -> dict[str, Rgb]:
