@@ -30,7 +30,7 @@ def test_it_fits_on_a_screen(log: str, monkeypatch: pytest.MonkeyPatch, capsys: 
     text = "\n".join(lines)
     assert lines[0].startswith(("IMU SUSPECT", "AUTOPILOT SUSPECT", "CONSISTENT"))
     assert "After 10 s" in text
-    assert "expected)" in text
+    assert "allowed)" in text
     assert "Detectable" in text
     assert "--full" in text
     assert lines[0].startswith("CONSISTENT") or "What to do" in text

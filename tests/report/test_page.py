@@ -280,7 +280,7 @@ def test_a_healthy_flight(demo: str) -> None:
 
 def test_the_sentence_does_not_contradict_a_suspect(tmp_path: Path) -> None:
     page = report(recording("sitl/copter-imu1-fail-100hz.tlog"), tmp_path / "report.html", "--no-playback")
-    assert "✗ Accelerometer x wrong, 69-81 s" in page
+    assert "✗ Accelerometer x of IMU 0 wrong, 69-81 s" in page
     times = re.search(r"([\d.]+) times the [\d.]+ m allowed", page.replace("\N{NO-BREAK SPACE}", " "))
     assert times
     assert float(times[1]) > 3
