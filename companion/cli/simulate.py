@@ -91,10 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if arguments.output:
         path = Path(arguments.output)
-        files.check(path, force=True)
-        with files.replacing(path) as part:
-            write_flight(vehicle, part)
-        print(f"{arguments.output}: {Path(arguments.output).stat().st_size:,} bytes, {flown.duration:.0f} s")
+        with files.replacing(path) as draft:
+            write_flight(vehicle, draft)
+        print(f"{arguments.output}: {path.stat().st_size:,} bytes, {flown.duration:.0f} s")
         return 0
     with contextlib.closing(open_port(parse_address(arguments.link))) as port:
         options.say(f"Vehicle {arguments.sysid}:1 flies a {arguments.motion} on {arguments.link}  (Ctrl-C ends it)")
