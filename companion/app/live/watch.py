@@ -56,8 +56,8 @@ class _Whole:
 class LiveReplay:
     """Both poses of a stream's vehicle, now: `look` as often as something is to be shown.
 
-    vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. how: how to integrate, or a function that
-    says so for a flight. The other options are those of `replay`; all but the stream may be changed at any time.
+    vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. how: how to integrate a flight. The other
+    options are those of `replay`; all but the stream may be changed at any time.
     Dead reckoning starts again from the autopilot every `reanchor_s`, at the times at which that of the whole flight
     would, give or take a sample; after a reboot at the first state that is known.
     """
@@ -68,7 +68,7 @@ class LiveReplay:
         *,
         vehicle: str | None = None,
         imu: str | None = None,
-        how: Integration | Callable[[Flight], Integration] = Integration(),  # noqa: B008  (frozen)
+        how: Callable[[Flight], Integration] = lambda _: Integration(),
         reanchor_s: float = 10.0,
     ) -> None:
         self.vehicle = vehicle
@@ -130,7 +130,7 @@ class LiveReplay:
         if boot != self._boot:
             self._boot, self._anchor, self._chosen = boot, None, None
         imu = self.imu or self._steady_imu(flight)
-        how = self.how(flight) if callable(self.how) else self.how
+        how = self.how(flight)
         start = self._anchor
         if start is None or start < flight.start + flight.duration - self._span:
             start = float(flight.attitude.t[-1]) - 1.0 if flight.attitude is not None else None  # nearly now
@@ -212,7 +212,7 @@ class Watch:
         self._stream = Stream(
             dialect=dialect, window_s=_KEPT_S + max(longest, 2 * most_reanchor_s), dequantise=dequantise
         )
-        self._how, self._horizons = how, tuple(horizons)
+        self._horizons = tuple(horizons)
         self.replay = LiveReplay(self._stream, vehicle=vehicle, imu=imu, how=how, reanchor_s=reanchor_s)
         self._free = FreeRun()
         self._drifts: dict[tuple[str, int, str], RunningDrift] = {}  # of each boot and IMU, the newest last
@@ -232,7 +232,7 @@ class Watch:
 
     def choose(self, imu: str | None, how: Callable[[Flight], Integration]) -> None:
         """Dead-reckon from another IMU (None: the flight's default), or otherwise: all results begin anew."""
-        self.replay.imu, self.replay.how, self._how = imu, how, how
+        self.replay.imu, self.replay.how = imu, how
         self._drifts.clear()
         self._shown = None
 
@@ -260,7 +260,7 @@ class Watch:
         if present.continued is not None:
             free = self._free.carry(present.continued)
         else:
-            free = self._free.take(flight.imu(present.imu), present.replay, self._how(flight))
+            free = self._free.take(flight.imu(present.imu), present.replay, self.replay.how(flight))
         if time.monotonic() >= self._drift_due:
             self._drift_due = time.monotonic() + _DRIFT_S
             self.judge()
@@ -275,6 +275,6 @@ class Watch:
             if (str(flight.vehicle), flight.boot) == (who, boot) and imu in flight.imus:
                 running = self._drifts.setdefault(self._shown, RunningDrift(self._horizons))
                 until = float("inf") if settled else float(flight.imus[imu].t[-1]) - _SETTLED_S
-                running.take(flight, imu=imu, how=self._how(flight), settled_s=until)
+                running.take(flight, imu=imu, how=self.replay.how(flight), settled_s=until)
         while len(self._drifts) > _MOST_DRIFTS:
             del self._drifts[next(iter(self._drifts))]
