@@ -14,7 +14,7 @@ from typing import Literal
 from companion.analysis.budget import Agreement
 from companion.analysis.comparison import left_out
 from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
-from companion.analysis.finding import Cause, Finding
+from companion.analysis.finding import Cause, Finding, by_severity
 from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import brief, counted
@@ -126,8 +126,11 @@ def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
     if sides[own] >= priors.ACCUSED:
         return verdict
     two = f"{_WHOSE[own]} from {_WHOSE[other]} ({percent(sides[own])} / {percent(sides[other])})"
-    first = next(f for f in verdict.findings if f.severity == "error" and stated_cause(f) == cause)
-    return Verdict("insufficient_data", f"Cannot tell {two}: {headline_of(first)}.", verdict.findings)
+    errors = [f for f in verdict.findings if f.severity == "error" and f.side == own]
+    first = headline_of(next(f for f in errors if stated_cause(f) == cause))
+    doubted = {f: replace(f, side="data", severity="warning", undecided=True, cause=None) for f in errors}
+    findings = by_severity(doubted.get(f, f) for f in verdict.findings)
+    return Verdict("insufficient_data", f"Cannot tell {two}: {first}.", findings)
 
 
 def _with_readings(probability: Mapping[str, float], cause: Cause | None) -> Mapping[str, float]:
