@@ -6,7 +6,6 @@ replaces by the number of the link.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -36,8 +35,6 @@ class Log(LogFile):
 
     bad_crc_frames: int  # known ids whose CRC is wrong: damage, or a sender with another dialect
     unknown_frames: Mapping[int, int]  # id -> frames of ids that the dialect does not have
-    first_log_time: float  # s UNIX, the first and last believable stamp in file order; NaN if there is none
-    last_log_time: float
     messages: Mapping[str, Messages]  # by name, in order of first appearance
     dialect: Dialect
     kind: str = "tlog"  # "tlog", or "raw" for a stream without stamps
@@ -65,14 +62,10 @@ def read_tlog(
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
     collected = Collected(spoken, names)
     contents = Contents(path, most_bytes)
-    count, first_time, last_time = 0, math.nan, math.nan
+    count = 0
     for frames in decoder.decode(piece for chunk in contents.watched(progress) for piece in _pieces(chunk)):
         count += len(frames)
-        times = collected.add(frames, contents.position / contents.size_bytes)
-        believable = times[np.isfinite(times)]
-        if len(believable):
-            first_time = float(believable[0]) if math.isnan(first_time) else first_time
-            last_time = float(believable[-1])
+        collected.add(frames, contents.position / contents.size_bytes)
     if count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
@@ -85,8 +78,6 @@ def read_tlog(
         bad_crc_frames=damage.bad_crc_frames,
         skipped_bytes=damage.skipped_bytes,
         unknown_frames=MappingProxyType(dict(damage.unknown_frames)),
-        first_log_time=first_time,
-        last_log_time=last_time,
         messages=MappingProxyType(dict(sorted(collected.messages().items(), key=lambda one: int(one[1].offset[0])))),
         dialect=spoken,
         kind="tlog" if decoder.stamped else "raw",

@@ -33,11 +33,8 @@ class Ulog(LogFile):
     unknown: int  # messages of a type that is not known, or whose content is damaged
     topics: tuple[UlogTopic, ...]  # by name and instance
     infos: Mapping[str, Value]
-    series_of_infos: Mapping[str, tuple[tuple[Value, ...], ...]]  # each in the parts that it was written in
     parameters: Mapping[str, Value]  # at the beginning
     parameter_changes: tuple[tuple[int, str, Value], ...]  # (time, name, value)
-    system_defaults: Mapping[str, Value]  # where they are not the value at the beginning
-    airframe_defaults: Mapping[str, Value]
     texts: tuple[LoggedText, ...]
     dropouts: tuple[tuple[int, float], ...]  # (time, duration in s) of what the logger could not keep up with
     kind: str = "ulog"
@@ -135,36 +132,11 @@ def _no_data(path: Path, collector: Collector) -> str:
 
 def _decoded(messages: list[ScannedMessage]) -> dict[str, Any]:
     """What the log says beside its data, by the fields of Ulog. What is said twice holds as it was said last."""
-    infos: dict[str, Value] = {}
-    series: dict[str, list[list[Value]]] = {}
-    parameters: dict[str, Value] = {}
-    changes: list[tuple[int, str, Value]] = []
-    defaults: tuple[dict[str, Value], dict[str, Value]] = ({}, {})
-    for t, message in messages:
-        if isinstance(message, Parameter):
-            name, value = message.name, message.value
-            for bit, of in enumerate(defaults):
-                if message.default_of >> bit & 1:
-                    of[name] = value
-            if not message.default_of and t is None:
-                parameters[name] = value
-            elif not message.default_of and t is not None:
-                changes.append((t, name, value))
-        elif isinstance(message, Info) and not message.several:
-            infos[message.name] = message.value
-        elif isinstance(message, Info):
-            parts = series.setdefault(message.name, [])
-            if message.continued and parts:
-                parts[-1].append(message.value)
-            else:
-                parts.append([message.value])
+    set_values = [(t, m.name, m.value) for t, m in messages if isinstance(m, Parameter)]
     return {
-        "infos": MappingProxyType(infos),
-        "series_of_infos": MappingProxyType({name: tuple(map(tuple, one)) for name, one in series.items()}),
-        "parameters": MappingProxyType(parameters),
-        "parameter_changes": tuple(changes),
-        "system_defaults": MappingProxyType(defaults[0]),
-        "airframe_defaults": MappingProxyType(defaults[1]),
+        "infos": MappingProxyType({m.name: m.value for _, m in messages if isinstance(m, Info)}),
+        "parameters": MappingProxyType({name: value for t, name, value in set_values if t is None}),
+        "parameter_changes": tuple((t, name, value) for t, name, value in set_values if t is not None),
         "texts": tuple(message for _, message in messages if isinstance(message, LoggedText)),
         "dropouts": tuple((t or 0, m.duration_ms * 1e-3) for t, m in messages if isinstance(m, Dropout)),
     }

@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 import string
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -51,16 +51,6 @@ class TopicLayout:
     shortest: int  # bytes, without the padding at the end
     longest: int  # and with it
     stamp: int | None  # where its time lies, µs of the boot clock as uint64; None without one
-
-
-def parsed_format(text: str) -> tuple[str, tuple[Field, ...]] | None:
-    """Name and fields of a definition; None where it is none."""
-    name, _, declared = text.partition(":")
-    if not declared or not NAME.fullmatch(name):
-        return None
-    fields = [_FIELD.fullmatch(field) for field in declared.rstrip(";").split(";")]
-    kept = tuple((match[1], int(match[2] or 0), match[3]) for match in fields if match and match[2] != "0")
-    return (name, kept) if len(kept) == len(fields) else None
 
 
 class Formats:
@@ -188,20 +178,17 @@ class Unsubscription(NamedTuple):
 
 
 class Info(NamedTuple):
-    """I and, where there may be several, M."""
+    """I: what the log says of the vehicle."""
 
     name: str
     value: Value
-    several: bool
-    continued: bool  # it goes on from the last one of the same name
 
 
 class Parameter(NamedTuple):
-    """P: a value that was set. Q: the value that it has by default."""
+    """P: a value that was set."""
 
     name: str
     value: Value
-    default_of: int = 0  # bits: 1 of the system, 2 of the configured airframe; 0: it is the value itself
 
 
 class LoggedText(NamedTuple):
@@ -210,7 +197,6 @@ class LoggedText(NamedTuple):
     stamp: int  # µs, boot clock
     level: int  # 0 emergency to 7 debug
     text: str
-    tag: int | None
 
 
 class Dropout(NamedTuple):
@@ -219,11 +205,11 @@ class Dropout(NamedTuple):
     duration_ms: int
 
 
-class Sync(NamedTuple):
-    """S: a mark by which a reader finds its way again."""
+class Unread(NamedTuple):
+    """M: infos of which there may be several. Q: values by default. S: a mark by which a reader finds its way again."""
 
 
-Message = Flags | Format | Subscription | Unsubscription | Info | Parameter | LoggedText | Dropout | Sync
+Message = Flags | Format | Subscription | Unsubscription | Info | Parameter | LoggedText | Dropout | Unread
 
 DATA = ord("D")
 SYNC = bytes.fromhex("2F731320250CBB12")
@@ -250,12 +236,18 @@ def parsed_message(kind: int, body: bytes) -> Message | None:
     """What a message that is no data says; None where it is of no known type, or its body none of that type."""
     parse = _PARSERS.get(kind)
     low, high = SIZES.get(kind, (0, 0))
-    return parse(body) if parse is not None and low <= len(body) <= high else None
+    if parse is None or not low <= len(body) <= high or body[0] not in FIRST_BYTES.get(kind, range(256)):
+        return None
+    return parse(body)
 
 
 def _format(body: bytes) -> Format | None:
-    parsed = parsed_format(_text(body))
-    return None if parsed is None else Format(*parsed)
+    name, _, declared = _text(body).partition(":")
+    if not declared or not NAME.fullmatch(name):
+        return None
+    fields = [_FIELD.fullmatch(field) for field in declared.rstrip(";").split(";")]
+    kept = tuple((match[1], int(match[2] or 0), match[3]) for match in fields if match and match[2] != "0")
+    return Format(name, kept) if len(kept) == len(fields) else None
 
 
 def _subscription(body: bytes) -> Subscription | None:
@@ -264,23 +256,24 @@ def _subscription(body: bytes) -> Subscription | None:
     return Subscription(number, topic, instance) if NAME.fullmatch(topic) else None
 
 
-def _info(body: bytes, *, several: bool) -> Info | None:
-    pair = _key_and_value(body[several:])
-    continued = several and body[0] == 1
-    return None if pair is None or (several and body[0] > 1) else Info(*pair, several, continued)
+def _info(body: bytes) -> Info | None:
+    pair = _key_and_value(body)
+    return None if pair is None else Info(*pair)
 
 
-def _parameter(body: bytes, *, default: bool) -> Parameter | None:
-    pair = _key_and_value(body[default:])
-    return None if pair is None or (default and not body[0]) else Parameter(*pair, body[0] if default else 0)
+def _parameter(body: bytes) -> Parameter | None:
+    pair = _key_and_value(body)
+    return None if pair is None else Parameter(*pair)
 
 
-def _logged(body: bytes, *, tagged: bool) -> LoggedText | None:
-    if body[0] not in _LEVELS:
-        return None
-    tag, begin = (int.from_bytes(body[1:3], "little"), 3) if tagged else (None, 1)
+def _unread(body: bytes) -> Unread | None:
+    return None if _key_and_value(body[1:]) is None else Unread()
+
+
+def _logged(body: bytes, *, begin: int) -> LoggedText:
+    """begin: of its time, behind the level and the tag."""
     stamp = int.from_bytes(body[begin : begin + 8], "little")
-    return LoggedText(stamp, body[0] - ord("0"), _text(body[begin + 8 :]), tag)
+    return LoggedText(stamp, body[0] - ord("0"), _text(body[begin + 8 :]))
 
 
 _PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
@@ -288,17 +281,17 @@ _PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
     ord("F"): _format,
     ord("A"): _subscription,
     ord("R"): lambda body: Unsubscription(int.from_bytes(body, "little")),
-    ord("I"): partial(_info, several=False),
-    ord("M"): partial(_info, several=True),
-    ord("P"): partial(_parameter, default=False),
-    ord("Q"): partial(_parameter, default=True),
-    ord("L"): partial(_logged, tagged=False),
-    ord("C"): partial(_logged, tagged=True),
+    ord("I"): _info,
+    ord("M"): _unread,
+    ord("P"): _parameter,
+    ord("Q"): _unread,
+    ord("L"): partial(_logged, begin=1),
+    ord("C"): partial(_logged, begin=3),
     ord("O"): lambda body: Dropout(int.from_bytes(body, "little")),
-    ord("S"): lambda body: Sync() if body == SYNC else None,
+    ord("S"): lambda body: Unread() if body == SYNC else None,
 }
 
-FIRST_BYTES: Mapping[int, Iterable[int]] = {
+FIRST_BYTES: Mapping[int, Sequence[int]] = {
     ord("F"): b"/-_0123456789" + string.ascii_letters.encode(), ord("M"): b"\0\1", ord("Q"): range(1, 256),
     ord("L"): _LEVELS, ord("C"): _LEVELS, ord("S"): SYNC[:1],
 }  # fmt: skip

@@ -39,7 +39,6 @@ class MessageLayout:
     crc_extra: int  # the byte that ends the CRC, so that both ends agree on the layout
     dtype: np.dtype[np.void]  # packed, little endian, wire order, extensions last; text is "S<n>", arrays are subarrays
     units: Mapping[str, str]  # field -> unit as written in the dialect ("mG", "mrad/s", "degE7"); absent: no unit
-    enums: Mapping[str, str]  # field -> name of the enum its values come from
     min_length: int  # bytes without the extension fields: the payload of a MAVLink 1 frame
 
     @property
@@ -55,14 +54,12 @@ class MessageLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dialect:
-    """The messages and enums of one dialect. `crc_extra`, `min_length`, `max_length` are indexed by message id."""
+    """The messages and enums of one dialect."""
 
     name: str
     by_id: Mapping[int, MessageLayout]
     by_name: Mapping[str, MessageLayout]
-    crc_extra: npt.NDArray[np.int16]  # (largest id + 2,), -1 where no message has that id; the last entry is always -1
-    min_length: npt.NDArray[np.uint8]  # same shape, bytes
-    max_length: npt.NDArray[np.uint8]  # same shape, bytes
+    crc_extra: npt.NDArray[np.int16]  # (largest id + 2,) by id, -1 where there is no such message; the last one is -1
     conforms_1: npt.NDArray[np.bool_]  # (65536,) by 256 times id plus length: whether MAVLink 1 can have such a frame
     enums: Mapping[str, Mapping[int, Any]]  # as pymavlink has them
 
@@ -90,22 +87,17 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
     # variable MAVLINK20, and takes six times as long to load.
     module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
     layouts = {number: _layout(message, module.x25crc) for number, message in sorted(module.mavlink_map.items())}
-    size = max(*layouts, 255) + 2
-    crc_extra = np.full(size, -1, np.int16)
-    min_length, max_length = np.zeros((2, size), np.uint8)
+    crc_extra = np.full(max(*layouts, 255) + 2, -1, np.int16)
+    conforms_1 = np.zeros((256, 256), np.bool_)
     for number, layout in layouts.items():
-        crc_extra[number], min_length[number] = layout.crc_extra, layout.min_length
-        max_length[number] = layout.max_length
-    low = slice(0, 256)
-    length = np.arange(256)
-    conforms_1 = (min_length[low, None] <= length) & (length <= max_length[low, None]) & (crc_extra[low, None] >= 0)
+        crc_extra[number] = layout.crc_extra
+        if number < 256:  # MAVLink 1 has no others
+            conforms_1[number, layout.min_length : layout.max_length + 1] = True
     return Dialect(
         name=name,
         by_id=MappingProxyType(layouts),
         by_name=MappingProxyType({layout.name: layout for layout in layouts.values()}),
         crc_extra=crc_extra,
-        min_length=min_length,
-        max_length=max_length,
         conforms_1=conforms_1.ravel(),
         enums=module.enums,
     )
@@ -137,7 +129,6 @@ def _layout(message: Any, x25crc: Any) -> MessageLayout:
         crc_extra=int(message.crc_extra),
         dtype=dtype,
         units=MappingProxyType(dict(message.fieldunits_by_name)),
-        enums=MappingProxyType(dict(message.fieldenums_by_name)),
         min_length=sorted(ends)[_base_fields(message, x25crc) - 1],
     )
 
