@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,9 +31,8 @@ class ForbiddenMessageError(ValueError):
     """Something tried to send what is not on the allow-list: a defect of companion, never of its user."""
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """The autopilot that a request is for."""
+class Target(NamedTuple):
+    """The autopilot that a request is for, by the ids of what it sends."""
 
     sysid: int
     compid: int

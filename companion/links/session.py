@@ -136,7 +136,11 @@ class Session:
         except CompanionError:
             raise
         except Exception as error:  # noqa: BLE001
-            self._excuse(error)
+            kind = type(error).__name__
+            if kind not in self._excused:  # each kind is said once
+                self._excused.add(kind)
+                _log.debug("beside the recording", exc_info=error)
+                self.reported.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
 
     def _deal_with(self, frames: Frames, now: float) -> None:
         if len(frames):
@@ -144,14 +148,6 @@ class Session:
                 listener(frames, self._epoch + now)
             self._notice(split_messages(frames, self.link.dialect, _READ), now)
         self._speak(now)
-
-    def _excuse(self, error: Exception) -> None:
-        """Say once of each kind what could not be done."""
-        kind = type(error).__name__
-        if kind not in self._excused:
-            self._excused.add(kind)
-            _log.debug("beside the recording", exc_info=error)
-            self.reported.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
 
     @property
     def lost(self) -> dict[str, float]:
@@ -161,14 +157,10 @@ class Session:
         """
         health = self.link.health
         shares = {}
-        for ids in self._requested_ids:
-            lost, received = health.lost.get(ids, 0), health.received.get(ids, 0)
-            shares[f"{ids[0]}:{ids[1]}"] = lost / (lost + received) if received else 0.0
+        for target in self.requested:
+            lost, received = health.lost.get(target, 0), health.received.get(target, 0)
+            shares[str(target)] = lost / (lost + received) if received else 0.0
         return shares
-
-    @property
-    def _requested_ids(self) -> list[tuple[int, int]]:
-        return [(target.sysid, target.compid) for target in self.requested]
 
     @property
     def rates(self) -> StreamManager | None:
@@ -192,7 +184,7 @@ class Session:
             vehicles=tuple(map(str, self.vehicles)),
             arriving=arriving,
             frames=link.health.frames,
-            lost=sum(link.health.lost.get(ids, 0) for ids in self._requested_ids),
+            lost=sum(link.health.lost.get(target, 0) for target in self.requested),
             lost_by=self.lost,
             unsigned=link.health.unsigned,
             wrongly_signed=link.health.wrongly_signed,
@@ -234,13 +226,11 @@ class Session:
                 "unless it sends an IMU or is named by --vehicle"
             )
         for target, vehicle in self.requested.items():
-            before, ids = vehicle.started, (target.sysid, target.compid)
-            vehicle.signs = ids in self.link.health.signers
             if vehicle.rates is not None:
-                vehicle.rates.lost_share = self.link.lost_lately(ids)
-            vehicle.receive(messages, now)
-            if vehicle.started is not None and vehicle.started != before:
-                self.link.restarted(ids, vehicle.started)
+                vehicle.rates.signed = target in self.link.health.signers
+                vehicle.rates.lost_share = self.link.lost_lately(target)
+            if (started := vehicle.receive(messages, now)) is not None:
+                self.link.restarted(target, started)
         for vehicle in self._left:
             vehicle.receive(messages, now)
         self._prefer_imu(now)
@@ -280,16 +270,17 @@ class Session:
             if warning:
                 self.reported.append(warning)
             path = original_rates_path(str(self.link.address), str(target)) if self._remember else None
+            earlier = OriginalRatesFile(path)
             rates = StreamManager(
                 target,
                 fitting,
                 self.link.dialect,
                 own_sysid=self.link.sysid,
                 ardupilot=name != "PX4",
-                earlier=OriginalRatesFile(path),
+                earlier=earlier,
                 reported=self.reported,
             )
-            if rates.left_behind:
+            if earlier.known:
                 self.reported.append(
                     f"an earlier companion on this link has not restored all message intervals of vehicle {target}: "
                     "they are restored when this one ends"

@@ -67,7 +67,6 @@ class StreamManager:
         self._answers = False  # whether it has ever answered a request for an interval
         self._next = 0.0
         self._reboots = Reboots()
-        self.started: float | None = None  # s, when it has last rebooted
         self._received: float | None = None  # s, when the vehicle was received last
         self._streamed: float | None = None  # s, when something that we requested came last
         self._restarts = 0
@@ -77,27 +76,22 @@ class StreamManager:
         self._restoration: Restoration | None = None  # from when on everything is restored
 
     @property
-    def left_behind(self) -> bool:
-        """Whether an earlier companion has not restored everything."""
-        return bool(self._earlier.known)
-
-    @property
     def settled(self) -> bool:
         """Whether every request is agreed or given up."""
         return all(message.state in (RequestState.WATCHING, RequestState.GIVEN_UP) for message in self.stream_requests)
 
-    def receive(self, messages: Mapping[str, Messages], now: float) -> None:
-        """Take note of what this vehicle sent, and nobody else."""
+    def receive(self, messages: Mapping[str, Messages], now: float) -> float | None:
+        """Take note of what this vehicle sent, and nobody else: when it has started, s, once after a reboot."""
         if not messages:
-            return
+            return None
         if self._received is not None and now - self._received > _SILENT_S:
             self.reported.append(f"vehicle {self.target} is back after {now - self._received:.0f} s: asking again")
             self._start_again()
         self._received = now
         if self._restoration is not None:
             self._restoration.receive(messages, self._own)
-            return
-        self._notice_reboot(messages, now)
+            return None
+        started = self._notice_reboot(messages, now)
         self._facts.receive(messages)
         self._take_answers(messages, now)
         for message in self.stream_requests:
@@ -108,6 +102,7 @@ class StreamManager:
         self._notice_end(now)
         self._lower(now)
         self.reported += self._gathered.sentences(now, complete=self.settled)
+        return started
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
@@ -293,21 +288,22 @@ class StreamManager:
         message.move(again, now + (_BACK_OFF_S * 2 ** (message.retries - 1) if message.retries else 0.0))
         message.retries += 1
 
-    def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
+    def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> float | None:
+        """When it has started, s, where it has just rebooted."""
         started = self._reboots.receive(messages, now)
         if started is None:
-            return
+            return None
         self._restarts = 0
         if self._reboots.two_clocks:
             self.reported.append(
                 f"two clocks speak as vehicle {self.target}: two vehicles with one system id, or an echo of another "
                 "time. Give each vehicle an id of its own (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID)."
             )
-            return
-        self.started = started
+            return None
         self.reported.append(f"vehicle {self.target} has rebooted: asking again")
         self._earlier.forget({one.name for one in self.stream_requests if one.requested_s < started})
         self._start_again()
+        return started
 
     def _notice_end(self, now: float) -> None:
         """A reboot shows first in that only heartbeats come any more: not even the messages with the clock."""

@@ -5,7 +5,6 @@ Anybody can make up heartbeats, so that both lists are bounded. Who sends an IMU
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -32,13 +31,13 @@ class Vehicles:
         self.known: dict[Target, str] = {}
         self.limited = False  # whether more are received than are known
         self._names, self._chosen = names, chosen
-        self._imu_senders: dict[Target, None] = {}
+        self._imu_senders: set[tuple[int, int]] = set()
 
     def receive(self, messages: Mapping[str, Messages]) -> list[Target]:
         """Take what has arrived: the vehicles that are received for the first time."""
         for name in IMU_MESSAGES:
             if name in messages and len(self._imu_senders) < MOST_VEHICLES:
-                self._imu_senders |= dict.fromkeys(Target(*ids) for ids in messages[name].senders())
+                self._imu_senders |= messages[name].senders().keys()
         return self._meet(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else []
 
     @property
@@ -73,36 +72,26 @@ class VehicleSession:
         self.target = target
         self.rates = rates
         self.timesync = Timesync()
-        self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
-        self.started: float | None = None  # s, when it has last rebooted
-        self.signs = False  # whether the vehicle signs what it sends, and we have no key
+        self.sends_imu = False  # whether an IMU message of it has come
         self._reboots = Reboots()  # where there are no rates, which watch this too
         self.found_at = now  # s
         self._patience_s = patience_s
         self._complained = False
         self._reported = reported
 
-    def receive(self, messages: Mapping[str, Messages], now: float) -> None:
-        """Take those messages that are of this vehicle."""
+    def receive(self, messages: Mapping[str, Messages], now: float) -> float | None:
+        """Take those messages that are of this vehicle: when it has started, s, once after a reboot."""
         own: dict[str, Messages] = {}
         for name, columns in messages.items():
             mine = (columns.sysid == self.target.sysid) & (columns.compid == self.target.compid)
             if mine.any():
                 own[name] = columns.select(mine)
-                self.counts[name] += int(mine.sum())
         if "TIMESYNC" in own:
             self.timesync.receive(own["TIMESYNC"], now)
+        self.sends_imu = self.sends_imu or not own.keys().isdisjoint(IMU_MESSAGES)
         if self.rates is None:
-            self.started = self._reboots.receive(own, now) or self.started
-        else:
-            self.rates.signed = self.signs
-            self.rates.receive(own, now)
-            self.started = self.rates.started
-
-    @property
-    def sends_imu(self) -> bool:
-        """Whether an IMU message of it has come."""
-        return any(name in self.counts for name in IMU_MESSAGES)
+            return self._reboots.receive(own, now)
+        return self.rates.receive(own, now)
 
     def awaits(self, now: float) -> bool:
         """Whether answers are due: those that ask for messages, and the clock's, whose latency counts."""
@@ -122,7 +111,7 @@ class VehicleSession:
         self._complained = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
         why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
-        if self.signs and self.rates is not None:
+        if self.rates is not None and self.rates.signed:
             why = "it signs its messages, and obeys only requests that are signed with its key"
             how = "give the key with --signing-key-file"
         self._reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

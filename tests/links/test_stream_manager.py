@@ -334,8 +334,9 @@ def test_after_a_kill_the_vehicle_gets_back_what_it_had_before_both(tmp_path: Pa
     assert killed.vehicle.interval_us("RAW_IMU") == 10_000
     assert path.exists()
     for left in ({"RAW_IMU": 50.0, "GPS_RAW_INT": 5.0}, wanted):  # this one wants less, and is killed too; then leaves
-        nxt = Conversation(wanted=left, vehicle=killed.vehicle, begin=killed.t, earlier=OriginalRatesFile(path))
-        assert nxt.rates.left_behind
+        earlier = OriginalRatesFile(path)
+        assert earlier.known
+        nxt = Conversation(wanted=left, vehicle=killed.vehicle, begin=killed.t, earlier=earlier)
         nxt.run(8.0)
         killed = nxt
     killed.leave()
