@@ -124,8 +124,8 @@ def read_dataflash(
             "Name the .bin file that the autopilot wrote."
         )
     contents = Contents(path, most_bytes)
-    mapped = Mapped(contents)
-    starts, types, formats = _find(mapped, progress)
+    mapped = Mapped(contents, progress)
+    starts, types, formats = _find(mapped)
     if len(starts) == 0:
         raise InputError(f"{path} begins like a DataFlash log, but has no whole record in it: copy it again.")
     layouts, undecoded = dataflash_layout.record_layouts(mapped.data, formats, starts, types)
@@ -177,9 +177,9 @@ def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
         mapped.release(begin, end)
 
 
-def _find(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes, dict[int, Declaration]]:
+def _find(mapped: Mapped) -> tuple[Index, Bytes, dict[int, Declaration]]:
     """Where the records begin, their types, and what the log declares of those."""
-    heads, types = _heads(mapped, progress)
+    heads, types = _heads(mapped)
     formats = dataflash_layout.declarations(mapped.data, heads[types == FMT])
     taken = _are_records(heads, record_lengths(formats)[types], len(mapped.data))
     starts, types = heads[taken], types[taken]
@@ -187,7 +187,7 @@ def _find(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index
     return (starts, types, formats) if keep.all() else (starts[keep], types[keep], formats)
 
 
-def _heads(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes]:
+def _heads(mapped: Mapped) -> tuple[Index, Bytes]:
     """Every position of A3 95 that a type byte follows, and that type. Looked for in pieces that stay in cache."""
     data = mapped.data
     places, types = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
@@ -196,9 +196,7 @@ def _heads(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Inde
         place = np.flatnonzero((data[begin:end] == _HEAD_1) & (data[begin + 1 : end + 1] == _HEAD_2)) + begin
         places.append(place)
         types.append(data[place + 2])
-        mapped.release(begin, end)
-        if progress is not None:
-            progress(end - begin)
+        mapped.looked_through(begin, end)
     return np.concatenate(places), np.concatenate(types)
 
 

@@ -42,8 +42,7 @@ class RecordLayout:
 
     type: int  # the byte behind A3 95
     name: str  # "IMU"
-    length: int  # bytes, the header of 3 with it
-    dtype: np.dtype[np.void]  # packed, little endian, of the body
+    dtype: np.dtype[np.void]  # packed, little endian, of the body, behind the header of 3 bytes
     divisors: Mapping[str, float]  # field -> 100 or 1e7 where the format says so; absent: none
     units: Mapping[str, str]  # field -> label of the log's UNIT record ("s", "rad/s", "m/s/s"); absent: none
     multipliers: Mapping[str, float]  # field -> what makes a value one in that unit (TimeUS: 1e-6); absent: 1
@@ -137,7 +136,7 @@ def record_layouts(
     data: Bytes, formats: Mapping[int, Declaration], starts: Index, types: Bytes
 ) -> tuple[dict[int, RecordLayout], dict[int, str]]:
     """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
-    plain = {number: record_layout(declared, NO_UNITS) for number, declared in formats.items()}
+    plain = {number: record_layout(declared, Units({}, {}, {})) for number, declared in formats.items()}
     by_name = {declared.name: number for number, declared in formats.items()}
 
     def rows(name: str, columns: Mapping[str, str]) -> npt.NDArray[np.void]:
@@ -155,11 +154,7 @@ def record_layouts(
             for row in rows("FMTU", {"FmtType": "iu", "UnitIds": "S", "MultIds": "S"})
         ],
     )
-    layouts = {}
-    for number, declared in formats.items():
-        layout = record_layout(declared, units)
-        if layout is not None:
-            layouts[number] = layout
+    layouts = {n: layout for n, one in formats.items() if (layout := record_layout(one, units)) is not None}
     present = set(np.unique(types).tolist())
     return layouts, {n: f.name for n, f in formats.items() if n in present and n not in layouts}
 
@@ -186,9 +181,6 @@ class Units:
             {chr(number % 256): float(f"{factor:.7g}") for number, factor in factors},
             {number: (units, multipliers) for number, units, multipliers in letters},
         )
-
-
-NO_UNITS = Units({}, {}, {})
 
 
 def record_layout(declared: Declaration, defined: Units, *, text: bool = False) -> RecordLayout | None:
@@ -228,7 +220,6 @@ def record_layout(declared: Declaration, defined: Units, *, text: bool = False) 
     return RecordLayout(
         type=declared.type,
         name=declared.name,
-        length=declared.length,
         dtype=dtype,
         divisors=MappingProxyType({} if text else divisors),
         units=MappingProxyType(units),

@@ -13,7 +13,7 @@ import re
 import stat
 import zipfile
 import zlib
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -75,8 +75,7 @@ class Contents:
         self.path = path
         self._most = most_bytes
         with open_file(path) as file:
-            self._magic = file.read(_MAGIC_BYTES)
-        self.compression = compression(self._magic)  # None for none
+            self.compression = compression(file.read(_MAGIC_BYTES))  # "" for none
         self.size_bytes = path.stat().st_size  # of the file
         self.position = 0  # bytes of the file that have been read
         self.content_bytes = 0  # bytes of content that have come out
@@ -89,11 +88,11 @@ class Contents:
         Raises InputError where nothing can be read, or more than is allowed.
         """
         with open_file(self.path) as file:
-            pieces = iter(lambda: file.read(size), b"") if self.compression is None else self._joined(file, size)
+            pieces = self._joined(file, size) if self.compression else iter(lambda: file.read(size), b"")
             for chunk in pieces:
                 self.position = file.tell()
                 self.content_bytes += len(chunk)
-                if self.compression is not None and self.content_bytes > self._most:
+                if self.compression and self.content_bytes > self._most:
                     raise InputError(
                         f"{self.path} grows to more than {self._most / 1e9:g} GB when it is decompressed, from "
                         f"{self.size_bytes / 1e6:.1f} MB: it is no log, or a very large one. Take it as it is with "
@@ -117,7 +116,7 @@ class Contents:
     def _joined(self, file: BinaryIO, size: int) -> Iterator[bytes]:
         pieces: list[bytes] = []
         held = 0
-        for piece in decompressed(self.path, file, self._magic):
+        for piece in decompressed(self.path, file, self.compression):
             if isinstance(piece, str):
                 self.trouble = piece
                 break
@@ -156,13 +155,20 @@ def log_format(path: str | Path) -> Format:
 class Mapped:
     """All bytes of a log. `data` (M,) uint8; those of a compressed file are in memory, as there is no other way."""
 
-    def __init__(self, contents: Contents) -> None:
-        """Raises InputError as `Contents` does."""
+    def __init__(self, contents: Contents, progress: Callable[[int], None] | None) -> None:
+        """progress: gets how many bytes were looked through. Raises InputError as `Contents` does."""
+        self._progress = progress
         self._map: mmap.mmap | None = None
-        if contents.compression is None:
+        if not contents.compression:
             with open_file(contents.path) as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.data: Bytes = np.frombuffer(contents.read() if self._map is None else self._map, np.uint8)
+
+    def looked_through(self, begin: int, end: int) -> None:
+        """Those bytes were read for the first time."""
+        self.release(begin, end)
+        if self._progress is not None:
+            self._progress(end - begin)
 
     def release(self, begin: int, end: int) -> None:
         """Those bytes were read: the system may take their memory back. They can be read again all the same."""
@@ -194,47 +200,41 @@ _MOST_PIECE_BYTES = 1 << 20  # that come out at a time
 _ZSTANDARD_BYTES = 128  # of compressed data, of which 4 MiB may come
 _LZMA_BYTES = 1 << 28  # for the dictionary of an xz file; the largest that xz makes by itself is 64 MiB
 _ERRORS = (EOFError, OSError, ValueError, zlib.error, lzma.LZMAError, zipfile.BadZipFile)
-_ARCHIVES = {b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive", b"Rar!\x1a\x07": "a RAR archive"}
-_ZIP = b"PK\x03\x04"
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of the others, zipfile unpacks what it reads without bound
 _MAGIC_BYTES = 6
+_KINDS = {
+    b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "Zstandard", b"PK\x03\x04": "ZIP",
+    b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive", b"Rar!\x1a\x07": "a RAR archive",
+}  # fmt: skip
+"""What compressed files begin with → the name of the compression; the archives are those that are not unpacked here."""
 
-Trouble = str
-"""Why the rest of a file could not be decompressed; "" when all of it was."""
+_DECOMPRESSORS: Mapping[str, Callable[[], Any]] = {
+    "gzip": lambda: zlib.decompressobj(wbits=31),
+    "xz": lambda: lzma.LZMADecompressor(memlimit=_LZMA_BYTES),
+    "bzip2": bz2.BZ2Decompressor,
+}
 
-Pieces = Iterator[bytes | Trouble]
-"""What comes out; at the very end perhaps the trouble that ended it."""
-
-
-def compression(magic: bytes) -> str | None:
-    """The name of the compression that a file with these first bytes has; None for none."""
-    return next((name for begin, name in _KINDS.items() if magic.startswith(begin)), None)
+Pieces = Iterator[bytes | str]
+"""What comes out; at the very end perhaps, in words, why the rest does not."""
 
 
-def decompressed(path: Path, file: BinaryIO, magic: bytes) -> Pieces:
-    """The content of an open file, in pieces.
+def compression(magic: bytes) -> str:
+    """The name of the compression that a file with these first bytes has; "" for none."""
+    return next((name for begin, name in _KINDS.items() if magic.startswith(begin)), "")
+
+
+def decompressed(path: Path, file: BinaryIO, kind: str) -> Pieces:
+    """The content of an open file with this compression, in pieces.
 
     Raises InputError for what cannot be read at all: an archive of several files, or a missing library.
     """
-    for begin, name in _ARCHIVES.items():
-        if magic.startswith(begin):
-            raise InputError(f"{path} is {name}: unpack it, and name the log that is in it.")
-    if magic.startswith(_ZIP):
+    if kind == "ZIP":
         return _unzipped(path, file)
-    kind = compression(magic)
     if kind == "Zstandard":
         return _unpacked(file, kind, *_zstandard(path))
-    if kind == "xz":
-        return _unpacked(file, kind, lambda: lzma.LZMADecompressor(memlimit=_LZMA_BYTES))
-    if kind == "bzip2":
-        return _unpacked(file, kind, bz2.BZ2Decompressor)
-    return _unpacked(file, "gzip", lambda: zlib.decompressobj(wbits=31))
-
-
-_KINDS = {
-    b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "Zstandard", _ZIP: "ZIP",
-    **_ARCHIVES,
-}  # fmt: skip
+    if kind in _DECOMPRESSORS:
+        return _unpacked(file, kind, _DECOMPRESSORS[kind])
+    raise InputError(f"{path} is {kind}: unpack it, and name the log that is in it.")
 
 
 def _unpacked(file: BinaryIO, name: str, new: Callable[[], Any], error: type[Exception] = EOFError) -> Pieces:

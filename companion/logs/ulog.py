@@ -62,21 +62,16 @@ def read_ulog(
             "Name the .ulg file that the autopilot wrote."
         )
     contents = Contents(path, most_bytes)
-    mapped = Mapped(contents)
+    mapped = Mapped(contents, progress)
     flags = _flags(path, head)
     collector = Collector(names)
     collector.latest = begun = int.from_bytes(head[8:_HEAD_BYTES], "little")
     scan = Scan(mapped.data, collector)
 
-    def done(begin: int, end: int) -> None:
-        mapped.release(begin, end)
-        if progress is not None:
-            progress(end - begin)
-
     size = len(mapped.data)
     edges = sorted({at for at in flags.appended if _HEAD_BYTES < at < size})
     for begin, end in zip([_HEAD_BYTES, *edges], [*edges, size], strict=True):
-        scan.read(begin, end, done)
+        scan.read(begin, end, mapped.looked_through)
     topics, undecoded = collector.topics()
     for number, count in scan.undeclared.items():
         name = collector.undeclared.get(number, "")

@@ -39,10 +39,10 @@ def test_what_is_decompressed_comes_in_pieces(tmp_path: Path, pack: Callable[[by
     size = most = 0
     tracemalloc.start()
     with path.open("rb") as file:
-        magic = file.read(6)
+        kind = compression(file.read(6))
         file.seek(0)
-        assert compression(magic)
-        for piece in decompressed(path, file, magic):
+        assert kind
+        for piece in decompressed(path, file, kind):
             assert isinstance(piece, bytes)
             size, most = size + len(piece), max(most, len(piece))
     assert tracemalloc.get_traced_memory()[1] < 20_000_000

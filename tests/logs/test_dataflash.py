@@ -103,7 +103,7 @@ def test_bytes_add_up_and_offsets_are_heads() -> None:
     data = path.read_bytes()
     total = 0
     for records in log.messages.values():
-        total += len(records) * records.layout.length
+        total += len(records) * (3 + records.layout.dtype.itemsize)
         for offset in records.offset[:20].tolist():
             assert data[offset : offset + 3] == bytes([0xA3, 0x95, records.layout.type])
     assert total + log.skipped_bytes == log.size_bytes == len(data)
@@ -234,7 +234,7 @@ def test_damage_costs_the_records_it_touches(tmp_path: Path) -> None:
     damaged = read_dataflash(tmp_path / "damaged.bin")
     kept = np.setdiff1d(imu.offset, imu.offset[hit])
     np.testing.assert_array_equal(damaged.messages["IMU"].offset, kept)
-    assert damaged.skipped_bytes == log.skipped_bytes + 80 * imu.layout.length
+    assert damaged.skipped_bytes == log.skipped_bytes + 80 * (3 + imu.layout.dtype.itemsize)
     others = {name: len(records) for name, records in log.messages.items() if name != "IMU"}
     assert others == {name: len(records) for name, records in damaged.messages.items() if name != "IMU"}
 
