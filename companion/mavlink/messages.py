@@ -71,13 +71,12 @@ class Messages:
             if index.all():
                 return self  # most logs have one sender of each type
             index = np.flatnonzero(index)
-        rows = self.rows
-        if len(rows) == len(self):
-            rows = rows[index] if isinstance(index, slice) else as_bytes(rows)[index].view(self.layout.dtype)
         columns = {name: getattr(self, name)[index] for name in _HEADER}
-        return Messages(
-            self.layout, **columns, rows=rows, sender_s=None if self.sender_s is None else self.sender_s[index]
-        )
+        if len(self.rows) == len(self):
+            columns["rows"] = as_bytes(self.rows)[index].view(self.layout.dtype)
+        if self.sender_s is not None:
+            columns["sender_s"] = self.sender_s[index]
+        return replace(self, **columns)
 
     def columns(self, *names: str) -> npt.NDArray[np.float64]:
         """Fields side by side, (N, len(names))."""
@@ -194,8 +193,8 @@ def together(receipts: Sequence[tuple[Frames, float]]) -> Frames:
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
     """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
-    known: dict[str, npt.NDArray[Any]] = {name: getattr(frames, name) for name in _HEADER if name != "log_time"}
-    known["log_time"] = log_time(frames.stamp)
+    times = log_time(frames.stamp)
+    known: dict[str, npt.NDArray[Any]] = {n: times if n == "log_time" else getattr(frames, n) for n in _HEADER}
     by_name = {}
     for layout, index in _grouped(frames, dialect):
         columns = {name: column[index] for name, column in known.items()}
