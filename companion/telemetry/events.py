@@ -127,7 +127,7 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
     return SensorInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
 
 
-def imu_of_core(core: int, mask: float = np.nan) -> int | None:
+def imu_of_core(core: int, mask: float) -> int | None:
     """The IMU of an EKF's core: the n-th bit of EK3_IMU_MASK, which by default has all; None beyond those."""
     if not 0 < mask < 256:
         return core

@@ -159,7 +159,7 @@ def increasing(t: Array, good: BoolArray) -> Index:
 
 def continuous(q: Array) -> Array:
     """Quaternions (N, 4) of about unit length, made so, with the sign that follows on: q and -q are one attitude."""
-    q = q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]
+    q = q / _norm(q)[:, None]
     turned_over = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
     if turned_over.any():
         q[1:] *= np.where(np.cumsum(turned_over) % 2, -1.0, 1.0)[:, None]
@@ -168,8 +168,7 @@ def continuous(q: Array) -> Array:
 
 def attitudes(t: Array, q: Array, good: BoolArray | bool = True) -> tuple[Index, Array, Array]:
     """Which quaternions (N, 4) at times t (N,) are attitudes; their times, and they themselves, continuous."""
-    length = np.sqrt(np.einsum("ij,ij->i", q, q))
-    keep = increasing(t, np.asarray(good & np.isfinite(t) & (np.abs(length - 1.0) < _UNIT)))  # which no NaN is
+    keep = increasing(t, np.asarray(good & np.isfinite(t) & (np.abs(_norm(q) - 1.0) < _UNIT)))  # which no NaN is
     return keep, t[keep], continuous(q[keep])
 
 
@@ -242,10 +241,10 @@ def in_use(source: str, t: Array, instance: npt.NDArray[np.int64], good: BoolArr
     return SensorInUse(t[change], instance[change], source) if len(change) else None
 
 
-def commonest(values: npt.NDArray[Any], otherwise: int = 0) -> int:
-    """The number that most of (N,) are."""
+def commonest(values: npt.NDArray[Any]) -> int:
+    """The number that most of (N,) are; 0 of none."""
     numbers, counts = np.unique(values, return_counts=True)
-    return int(numbers[np.argmax(counts)]) if len(numbers) else otherwise
+    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
 
 
 def majority(*columns: npt.NDArray[Any]) -> BoolArray:

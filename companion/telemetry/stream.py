@@ -122,7 +122,8 @@ class Stream:
         self._decoder = Decoder(self.dialect, stamped=stamped)
         self._busiest = BusiestSenders() if window_s is not None else None
         self._collected = Collected(self.dialect, NEEDED)
-        self._begin = self._newest = np.nan  # s UNIX, of what is kept
+        self.newest = np.nan  # s UNIX, when the newest message arrived; NaN: none has
+        self._begin = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
         self._firmware: dict[tuple[int, int], str] = {}  # vehicle → what it said it runs, which it may say only once
         self._origins: dict[tuple[int, int, int], Origin] = {}  # vehicle and boot → where its NED began
@@ -144,10 +145,10 @@ class Stream:
         times = self._collected.add(frames)
         times = times[np.isfinite(times)]
         if len(times):
-            self._newest = float(np.fmax(self._newest, times.max()))
+            self.newest = float(np.fmax(self.newest, times.max()))
             self._begin = float(np.fmin(self._begin, times.min()))
-        if self.window_s is not None and self._newest - self._begin > _SLACK * self.window_s:
-            self._trim(self._newest - self.window_s)
+        if self.window_s is not None and self.newest - self._begin > _SLACK * self.window_s:
+            self._trim(self.newest - self.window_s)
 
     def flights(self) -> list[Flight]:
         """The flights in everything that is kept: without a window the same as those of the whole log."""
@@ -155,15 +156,10 @@ class Stream:
 
     def recent(self, seconds: float) -> list[Flight]:
         """The flights in what arrived in the last so many seconds: cheap enough for every frame of a display."""
-        since = self._newest - seconds
+        since = self.newest - seconds
         every = self._collected.messages()
         late = {n: messages if n in _TELLING else _since(messages, since) for n, messages in every.items()}
         return self._flights({name: messages for name, messages in late.items() if len(messages)})
-
-    @property
-    def newest(self) -> float:
-        """When the newest message arrived, s UNIX; NaN: none has."""
-        return self._newest
 
     def extend(self, flight: Flight, imu: str, since: float) -> NewestTracks | None:
         """What arrived at `since` s UNIX or later of one IMU of a flight, its attitude and its position.

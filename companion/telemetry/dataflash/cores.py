@@ -1,7 +1,6 @@
 """The cores of ArduPilot's EKFs: the IMU that each reads, which of them flew, their biases, and the resets announced.
 
-Since 2020 each record names its core in a column; before, the second cores have record types of their own. Parameters
-set in flight are announced likewise.
+Since 2020 each record names its core in a column; before, the second cores have record types of their own.
 Sources: ArduPilot `AP_NavEKF3.cpp` (InitialiseFilter), `AP_NavEKF3_Logging.cpp` (XKF4), `AP_NavEKF2_Logging.cpp`,
 `AP_Logger.h` (LogEvent), and of 2015 `DataFlash/LogFile.cpp` (Log_Write_EKF).
 """
@@ -19,7 +18,6 @@ from companion.model import (
     BiasTrack,
     DataError,
     EstimatorReset,
-    ParameterChange,
     ResetKind,
     SensorInUse,
     StatusText,
@@ -249,11 +247,3 @@ def _lanes(ekf: Ekf) -> Iterator[EstimatorReset]:
     if (one := ekf.primary) is not None:
         words = "the EKF's primary core is {core}, and was {before}"
         yield from events.lane_changes(one.t, one["PI"].astype(np.int64), words)
-
-
-def parameter_changes(records: Mapping[str, Records]) -> tuple[ParameterChange, ...]:
-    """PARM that says another value than before: all are written once where the log begins."""
-    if "PARM" not in records:
-        return ()
-    one = records["PARM"]
-    return events.parameter_changes(one["Name"].tolist(), one.t, one["Value"].astype(np.float64))

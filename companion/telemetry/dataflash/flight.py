@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from companion.telemetry.control import actuators_of, control_of, side_by_side, 
 from companion.telemetry.dataflash import cores, imu, pose
 from companion.telemetry.dataflash.pose import ekf_origin, in_frame
 from companion.telemetry.dataflash.sensors import NEEDED, record_sensors, with_times
-from companion.telemetry.events import dataflash_events
+from companion.telemetry.events import dataflash_events, parameter_changes
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import (
     banner,
@@ -140,8 +139,8 @@ def dataflash_flight(
     messages: dict[str, Records],
     dialect: Dialect,
     *,
-    core: int | None = None,
-    undecoded: Mapping[str, int] = MappingProxyType({}),
+    core: int | None,
+    undecoded: Mapping[str, int],
 ) -> Flight | None:
     """The one flight of a .bin; None when it has no times at all.
 
@@ -169,7 +168,8 @@ def dataflash_flight(
         records["PARM"] = sent.select(np.isfinite(values))
     times = {name: records[name].t for name in sorted(records) if len(records[name])}
     records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
-    parameters = _parameters(records)
+    names, _, values = _parameters(records)
+    parameters = values_of(names, values)
     ekf = cores.flew(records, parameters)
     notes: list[str] = []
     core = cores.reference_core(ekf, core, notes)
@@ -213,7 +213,7 @@ def _without_tracks(ekf: cores.Ekf, times: Mapping[str, Array], dialect: Dialect
         aiding_in_use=ekf.sensors_of(ekf.core),
         lane_in_use=cores.lane_in_use(ekf),
         resets=cores.resets(ekf, texts),
-        parameter_changes=cores.parameter_changes(records),
+        parameter_changes=parameter_changes(*_parameters(records)),
     )
 
 
@@ -225,7 +225,8 @@ def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, co
     sampled = pose.attitude(ekf, core)
     in_imu_frame, turns = sampled is not None and sampled[2] != "ATT", convert.UNTURNED
     if sampled is not None and not in_imu_frame:
-        turns = convert.turns(_parameters(records, first=True), notes, flight.parameter_changes)
+        names, _, values = _parameters(records)
+        turns = convert.turns(values_of(names, values, first=True), notes, flight.parameter_changes)
     imus = {name: convert.turned(track, turns) for name, track in imus.items()}
     biases = tuple(convert.turned(one, turns) for one in biases)
     own = next((bias for bias in biases if bias.core == core), None)
@@ -249,11 +250,11 @@ def _is_whole(name: str, layout: RecordLayout) -> bool:
     return layout.has_numbers(*_NUMBERS.get(name, ())) and (words is None or layout.kind(words) == "S")
 
 
-def _parameters(records: Mapping[str, Records], *, first: bool = False) -> dict[str, float]:
-    """The last value of each, or the first."""
+def _parameters(records: Mapping[str, Records]) -> tuple[list[bytes], Array, Array]:
+    """Names, times (N,) s and values (N,): all are written where the log begins, and each again when it is set."""
     if (one := records.get("PARM")) is None:
-        return {}
-    return values_of(one["Name"].tolist(), one["Value"].astype(np.float64), first=first)
+        return [], np.zeros(0), np.zeros(0)
+    return one["Name"].tolist(), one.t, one["Value"].astype(np.float64)
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:

@@ -1,10 +1,14 @@
-"""What PX4's EKF2 believes of its IMU, which IMU it uses, and the jumps that it announces."""
+"""What PX4's EKF2 believes of its IMU, which IMU it uses, the jumps that it announces, and which instance of it flew.
+
+Source: PX4 `src/modules/ekf2/EKF2Selector.cpp`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
 from companion.telemetry.events import lane_changes
@@ -17,7 +21,7 @@ Version = tuple[int, int]
 _GYRO, _ACCEL = 10, 13  # in EKF2's state vector: after attitude (4), velocity (3) and position (3)
 _ERROR_STATE = (1, 15)
 _GYROS = (("vehicle_imu", "gyro_device_id"), ("vehicle_imu_status", "gyro_device_id"), ("sensor_gyro", "device_id"))
-_SELECTOR = "estimator_selector_status"
+_SELECTOR, _INVALID_INSTANCE = "estimator_selector_status", 255
 _RATES = (1, 15)  # since then the states are rates; before, delta angles and velocities over one filter interval
 
 
@@ -34,7 +38,7 @@ def imu_instances(topics: Topics) -> dict[int, int]:
 
 def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
     """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
-    for name in ("sensor_selection", "estimator_selector_status"):
+    for name in ("sensor_selection", _SELECTOR):
         if name not in topics:
             continue
         t, devices = topics[name].seconds(), topics[name].ids("gyro_device_id")
@@ -61,15 +65,23 @@ def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) 
                 for core, name, topic in instances(topics, states)
                 if f"states[{_ACCEL + 2}]" in topic
             ]
-    first = primary_core(topics)
+    first = commonest(_primary(topics)[1])
     tracks = [track for track in tracks if len(track)]
     return tuple(sorted(tracks, key=lambda track: (track.core != first, track.core)))
 
 
-def primary_core(topics: Topics) -> int:
-    """The EKF2 instance that flew longest; 0 where there is one."""
-    flown = topics["estimator_selector_status"].column("primary_instance") if _SELECTOR in topics else np.empty(0)
-    return commonest(flown[np.isfinite(flown)])
+def _primary(topics: Topics) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Times (N,) s and which instance of EKF2 the selector lets fly, (N,); none where the log does not tell."""
+    topic = topics.get(_SELECTOR)
+    if topic is None or "primary_instance" not in topic:
+        return np.empty(0), np.empty(0, np.int64)
+    return topic.seconds(), np.asarray(topic["primary_instance"]).astype(np.int64)
+
+
+def lane_in_use(topics: Topics) -> SensorInUse | None:
+    """The instance that flew, from each change on; None where the log has no selector."""
+    t, instance = _primary(topics)
+    return in_use(_SELECTOR, t, instance, instance < _INVALID_INSTANCE)
 
 
 def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, int]) -> list[BiasTrack]:
@@ -146,7 +158,8 @@ _LEVEL = 0.1  # a jump whose tilt is a smaller share of it than this is one of t
 
 def estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
     """All of the instance that flies, in order of time: each at the first row that counts it."""
-    resets = [*_attitude_resets(topics), *_lanes(topics)]
+    switches = lane_changes(*_primary(topics), "EKF2 instance {before} → {core}")
+    resets = [*_attitude_resets(topics), *switches]
     for name, counter, kind, jump, unit in _COUNTERS:
         if name in topics:
             for t, i, times in _counted(topics[name], counter):
@@ -167,13 +180,6 @@ def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
         level = float(np.hypot(axis[0], axis[1])) <= _LEVEL * abs(axis[2])
         kind: ResetKind = "heading" if level else "attitude"
         yield EstimatorReset(t, kind, f"{kind} reset by {size:.1f}°{_often(times)}")
-
-
-def _lanes(topics: Topics) -> Iterator[EstimatorReset]:
-    """Where another instance of the estimator takes over."""
-    if _SELECTOR in topics and "primary_instance" in topics[_SELECTOR]:
-        primary = np.asarray(topics[_SELECTOR]["primary_instance"]).astype(np.int64)
-        yield from lane_changes(topics[_SELECTOR].seconds(), primary, "EKF2 instance {before} → {core}")
 
 
 def _counted(topic: Topic, counter: str) -> Iterator[tuple[float, int, int]]:

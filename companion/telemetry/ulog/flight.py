@@ -102,7 +102,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         actuators=actuators,
         imu_in_use=used,
         lanes=pose.lanes(topics, zero, by_device),
-        lane_in_use=pose.lane_in_use(topics),
+        lane_in_use=estimator.lane_in_use(topics),
         resets=resets,
         parameter_changes=changed,
     )

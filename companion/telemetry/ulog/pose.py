@@ -1,7 +1,7 @@
 """PX4's own attitude, position, origin and home in a ULog, a simulator's truth, and the controllers' demands.
 
-Also every instance of EKF2 as a lane of its own, and which of them flew. Sources: PX4 `msg/VehicleLocalPosition.msg`,
-`msg/EstimatorStates.msg`, `msg/EstimatorSensorBias.msg`, `src/modules/ekf2/EKF2Selector.cpp`.
+Also every instance of EKF2 as a lane of its own. Sources: PX4 `msg/VehicleLocalPosition.msg`,
+`msg/EstimatorStates.msg`, `msg/EstimatorSensorBias.msg`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from companion.model import (
     EstimatorLane,
     Origin,
     PositionTrack,
-    SensorInUse,
     TruthTrack,
     from_euler,
     geodetic_from_ned,
@@ -28,7 +27,7 @@ from companion.model import (
 from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.control import control_of
-from companion.telemetry.samples import BoolArray, attitudes, finite_rows, in_use, increasing, ned_about
+from companion.telemetry.samples import BoolArray, attitudes, finite_rows, increasing, ned_about
 from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
 
 _MOST_OUTPUTS = 16
@@ -200,17 +199,7 @@ def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]
     return np.where(gap, np.nan, velocity), np.where(gap, np.nan, position)
 
 
-_SELECTOR = "estimator_selector_status"
 _LANE_WAIT_S = 0.3  # from a position to the attitude beside it: a log has an instance's states at 2 Hz or more
-
-
-def lane_in_use(topics: Topics) -> SensorInUse | None:
-    """The instance that flew, from each change on; None where the log has no selector."""
-    topic = topics.get(_SELECTOR)
-    if topic is None or "primary_instance" not in topic:
-        return None
-    instance = np.asarray(topic["primary_instance"]).astype(np.int64)
-    return in_use(_SELECTOR, topic.seconds(), instance, instance < 255)  # INVALID_INSTANCE
 
 
 def lanes(topics: Topics, origin: Origin | None, by_device: Mapping[int, int]) -> tuple[EstimatorLane, ...]:
