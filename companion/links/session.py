@@ -38,11 +38,9 @@ class Report:
 
     link: str
     problem: str  # why nothing is received at present; "" while frames arrive
-    vehicles: tuple[str, ...]  # every autopilot received
     arriving: tuple[StreamRequest, ...]  # as they stood; where several vehicles send, by their ids and names
     frames: int
-    lost: int  # frames of the vehicles with requests, missing by sequence
-    lost_by: Mapping[str, float]  # SYSID:COMPID of each of these → share of its frames that is missing, 0 to 1
+    lost_by: Mapping[str, float]  # SYSID:COMPID of each with requests → share of its frames that is missing, 0 to 1
     unsigned: int  # frames dropped because they carry no signature
     wrongly_signed: int  # ... because theirs is not of our key, or is repeated
     clock: Clock | None  # of the first vehicle with requests
@@ -90,6 +88,7 @@ class Session:
         self._patience_s = patience_s
         self._remember = remember
         self._vehicles = Vehicles(link.dialect.enum_names("MAV_AUTOPILOT"), choice.names)
+        self.vehicles: Mapping[Target, str] = self._vehicles.known  # every autopilot received, by its MAV_AUTOPILOT
         self._left: list[VehicleSession] = []  # that had requests before another had: restored at the end
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
@@ -112,11 +111,6 @@ class Session:
                 self.reported.append(self.recorder.problem)
         self.beside(lambda: self._deal_with(frames, now))
         return frames
-
-    @property
-    def vehicles(self) -> Mapping[Target, str]:
-        """Every autopilot received → its MAV_AUTOPILOT without prefix."""
-        return self._vehicles.known
 
     @property
     def _gather_s(self) -> float:
@@ -181,10 +175,8 @@ class Session:
         return Report(
             link=str(link.address),
             problem=link.problem,
-            vehicles=tuple(map(str, self.vehicles)),
             arriving=arriving,
             frames=link.health.frames,
-            lost=sum(link.health.lost.get(target, 0) for target in self.requested),
             lost_by=self.lost,
             unsigned=link.health.unsigned,
             wrongly_signed=link.health.wrongly_signed,

@@ -80,9 +80,7 @@ class UdpPort:
 
     def write(self, data: bytes) -> bool:
         now = time.monotonic()
-        self._peers = {
-            peer: last_received for peer, last_received in self._peers.items() if now - last_received < _PEER_S
-        }
+        self._peers = {peer: t for peer, t in self._peers.items() if now - t < _PEER_S}
         sent = False
         for peer in [self._fixed] if self._fixed else list(self._peers):
             with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence

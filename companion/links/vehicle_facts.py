@@ -96,7 +96,6 @@ class Clock:
     latency_ms: float  # half of the way there and back, median; the 20 ms that a link gathers for are in it
     booted: float  # s UNIX, by our clock, when the vehicle's read zero
     rate_ppm: float | None  # by how much it runs faster than ours; None: not yet known
-    steps: int  # how often it has been set, or has started again
 
 
 class Timesync:
@@ -108,7 +107,6 @@ class Timesync:
         self._answers: deque[tuple[float, float]] = deque(maxlen=_KEPT)  # s: there and back; vehicle's clock minus ours
         self._first: tuple[float, float] | None = None  # s when, and what the difference was
         self._newest = 0.0
-        self._steps = 0
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
@@ -133,7 +131,6 @@ class Timesync:
             if self._answers and abs(difference - self._answers[-1][1]) > _STEP_S:
                 self._answers.clear()
                 self._first = None
-                self._steps += 1
             self._answers.append((way, difference))
             self._first = self._first or (now, difference)
             self._newest = now
@@ -147,4 +144,4 @@ class Timesync:
         elapsed = self._newest - since
         rate = 1e6 * (difference - before) / elapsed if elapsed > _RATE_AFTER_S else None
         latency = median(way for way, _ in self._answers) / 2
-        return Clock(1e3 * latency, unix - (now + difference), rate, self._steps)
+        return Clock(1e3 * latency, unix - (now + difference), rate)
