@@ -11,17 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.logs import Records
-from companion.model import (
-    Array,
-    BiasTrack,
-    DataError,
-    EstimatorReset,
-    ResetKind,
-    SensorInUse,
-    StatusText,
-)
+from companion.model import Array, BiasTrack, DataError, EstimatorReset, ResetKind, SensorInUse, StatusText
 from companion.telemetry import events
 from companion.telemetry.samples import commonest, in_use, increasing
 
@@ -50,18 +43,14 @@ class Ekf:
     records: Mapping[str, Records]
     parameters: Mapping[str, float]
     prefix: str  # of its records: "XK", "NK" or "EK"
+    t: Array  # (N,) s, when the log tells which core is primary (XKF4.PI); none where it does not ...
+    primary: npt.NDArray[np.int64]  # (N,) ... and which that is
     core: int
-    cores: tuple[int, ...]  # all that were primary at some time
 
     @property
     def name(self) -> str:
         """ "EKF3"."""
         return f"EKF{_EKFS[self.prefix][0]}"
-
-    @property
-    def primary(self) -> Records | None:
-        """The records that tell its primary core in PI."""
-        return _primary_cores(self.records, self.prefix)
 
     def of_cores(self, name: str) -> dict[int, Records]:
         """Its records of each core. name: of the first core, without the prefix ("F1", "Q")."""
@@ -99,14 +88,10 @@ def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Ekf
     kind = parameters.get("AHRS_EKF_TYPE")
     present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
     prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
-    status = _primary_cores(records, prefix)
-    primary = np.zeros(1, np.int64) if status is None else status["PI"]
-    return Ekf(records, parameters, prefix, commonest(primary), tuple(np.unique(primary).tolist()))
-
-
-def _primary_cores(records: Mapping[str, Records], prefix: str) -> Records | None:
-    status = records.get(f"{prefix}F4")
-    return status if status is not None and status.layout.has_numbers("PI") else None
+    t, primary = np.empty(0), np.empty(0, np.int64)
+    if (status := records.get(f"{prefix}F4")) is not None and status.layout.has_numbers("PI"):
+        t, primary = status.t, status["PI"].astype(np.int64)
+    return Ekf(records, parameters, prefix, t, primary, commonest(primary))
 
 
 def reference_core(ekf: Ekf, chosen: int | None, notes: list[str]) -> int:
@@ -114,8 +99,8 @@ def reference_core(ekf: Ekf, chosen: int | None, notes: list[str]) -> int:
 
     Raises DataError for a core that the log has not.
     """
-    if len(ekf.cores) > 1:
-        notes.append(f"the EKF changed its primary core ({list(ekf.cores)}): core {ekf.core} is the reference")
+    if len(cores := np.unique(ekf.primary).tolist()) > 1:
+        notes.append(f"the EKF changed its primary core ({cores}): core {ekf.core} is the reference")
     if chosen is None or chosen == ekf.core:
         return ekf.core
     known = sorted({core for name in ("Q", "F1") for core in ekf.of_cores(name)})
@@ -127,21 +112,16 @@ def reference_core(ekf: Ekf, chosen: int | None, notes: list[str]) -> int:
 
 
 def imu_in_use(ekf: Ekf) -> SensorInUse | None:
-    """The IMU of the primary core (XKF4.PI), from each change on."""
-    if (status := ekf.primary) is None:
-        return None
-    imus = {core: ekf.imu_of(core) for core in ekf.cores if core >= 0}
+    """The IMU of the primary core, from each change on."""
+    imus = {core: ekf.imu_of(core) for core in np.unique(ekf.primary).tolist() if core >= 0}
     known = {core: imu for core, imu in imus.items() if imu is not None}
-    instance = np.array([known.get(core, -1) for core in status["PI"].tolist()], np.int64)
-    return in_use(f"{status.name}.PI", status.t, instance, instance >= 0)
+    instance = np.array([known.get(core, -1) for core in ekf.primary.tolist()], np.int64)
+    return in_use(f"{ekf.prefix}F4.PI", ekf.t, instance, instance >= 0)
 
 
 def lane_in_use(ekf: Ekf) -> SensorInUse | None:
-    """The core that flew, from each change on (XKF4.PI)."""
-    if (status := ekf.primary) is None:
-        return None
-    core = status["PI"].astype(np.int64)
-    return in_use(f"{status.name}.PI", status.t, core, core >= 0)
+    """The core that flew, from each change on."""
+    return in_use(f"{ekf.prefix}F4.PI", ekf.t, ekf.primary, ekf.primary >= 0)
 
 
 def bias_tracks(ekf: Ekf) -> tuple[BiasTrack, ...]:
@@ -202,7 +182,8 @@ _SAME_S = 0.5  # an event and a text of the same kind within it are one reset
 
 def resets(ekf: Ekf, texts: Sequence[StatusText]) -> tuple[EstimatorReset, ...]:
     """All that are announced of the EKF that flew, in order of time, each once."""
-    announced = [*_by_text(ekf, texts), *_by_event(ekf), *_by_offset(ekf), *_lanes(ekf)]
+    switches = events.lane_changes(ekf.t, ekf.primary, "the EKF's primary core is {core}, and was {before}")
+    announced = [*_by_text(ekf, texts), *_by_event(ekf), *_by_offset(ekf), *switches]
     kept: list[EstimatorReset] = []
     for one in sorted(announced, key=lambda reset: reset.t):
         again = any(
@@ -240,10 +221,3 @@ def _by_offset(ekf: Ekf) -> Iterator[EstimatorReset]:
             if np.isfinite(offset[i]).all():
                 size = float(np.linalg.norm(offset[i]))
                 yield EstimatorReset(float(one.t[i]), "position", f"EKF position reset of {size:.2f} m", core)
-
-
-def _lanes(ekf: Ekf) -> Iterator[EstimatorReset]:
-    """Changes of XKF4.PI."""
-    if (one := ekf.primary) is not None:
-        words = "the EKF's primary core is {core}, and was {before}"
-        yield from events.lane_changes(one.t, one["PI"].astype(np.int64), words)
