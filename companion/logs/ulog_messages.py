@@ -64,9 +64,6 @@ class Formats:
     def add(self, name: str, fields: tuple[Field, ...]) -> None:
         self._fields.setdefault(name, fields)
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._fields
-
     def too_large(self) -> Iterator[str]:
         """Names of those that no message can hold, or that are part of themselves."""
         return (name for name in self._fields if self._size(name, 0) > MOST_BYTES)
