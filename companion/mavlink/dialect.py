@@ -158,21 +158,18 @@ def _nearest(name: str, known: Any) -> str:
     return f" Did you mean {', '.join(near)}?" if near else f" Known are: {', '.join(sorted(known))}."
 
 
-_ENUMS = {
-    "COPTER_MODE": (
+_MODES_OF = {
+    **dict.fromkeys((
         "QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "HELICOPTER", "COAXIAL", "DECAROTOR", "DODECAROTOR",
-    ),
-    "PLANE_MODE": (
+    ), "COPTER_MODE"),
+    **dict.fromkeys((
         "FIXED_WING", "VTOL_DUOROTOR", "VTOL_QUADROTOR", "VTOL_TILTROTOR", "VTOL_TAILSITTER_DUOROTOR",
         "VTOL_TAILSITTER_QUADROTOR", "VTOL_FIXEDROTOR", "VTOL_TAILSITTER", "VTOL_TILTWING",
-    ),
-    "ROVER_MODE": ("GROUND_ROVER", "SURFACE_BOAT"),
-    "SUB_MODE": ("SUBMARINE",),
-    "TRACKER_MODE": ("ANTENNA_TRACKER",),
+    ), "PLANE_MODE"),
+    "GROUND_ROVER": "ROVER_MODE", "SURFACE_BOAT": "ROVER_MODE",
+    "SUBMARINE": "SUB_MODE", "ANTENNA_TRACKER": "TRACKER_MODE",
 }  # fmt: skip
-"""Enum of ArduPilot's custom modes → MAV_TYPE of the vehicles that use it."""
-
-_ENUM_OF = {kind: enum for enum, kinds in _ENUMS.items() for kind in kinds}
+"""MAV_TYPE → enum of the custom modes that ArduPilot gives it."""
 
 # Common short names.
 _SHORT = {
@@ -208,7 +205,7 @@ def mode_name(dialect: Dialect, autopilot: str, kind: str, custom_mode: int) -> 
     if autopilot == "PX4":
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24
         name = _PX4_AUTO.get(sub) if main == _AUTO else _PX4_MAIN.get(main)
-    elif autopilot == "ARDUPILOTMEGA" and (enum := _ENUM_OF.get(kind)) and enum in dialect.enums:
+    elif autopilot == "ARDUPILOTMEGA" and (enum := _MODES_OF.get(kind)) and enum in dialect.enums:
         name = dialect.enum_names(enum).get(custom_mode, "").removeprefix(f"{enum}_")
     return _SHORT.get(name, name) if name else f"mode {custom_mode}"
 

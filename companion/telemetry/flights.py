@@ -37,7 +37,7 @@ from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuat
 from companion.telemetry.convert import SENSOR_MESSAGES, message_lanes, message_sensors
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
 from companion.telemetry.quantities import Lazy, LazyTuple
-from companion.telemetry.split import Boot, NonVehicle, Sender, boots, describe, senders
+from companion.telemetry.split import STATE_MESSAGES, Boot, NonVehicle, Sender, boots, describe, senders
 
 _ECHO_S = 2.0  # two identical frames within this time are one packet received twice
 
@@ -93,9 +93,8 @@ def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.ui
     return int((apart < _ECHO_S).sum())
 
 
-_TIMED = SENSOR_MESSAGES | {
-    *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
-    "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
+_TIMED = SENSOR_MESSAGES | STATE_MESSAGES | {
+    *TRUTH_MESSAGES, *CONTROL_MESSAGES, "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
 

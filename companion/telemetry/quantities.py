@@ -69,11 +69,13 @@ class LazyTuple(Sequence[T]):
         return self._known
 
 
-_ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
-"""What GPS_RAW_INT sends for "not known"."""
-
-_NO_BATTERY = {"voltage_v": (0.0, 65.535), "current_a": (-0.01, -1.0)}
-"""What SYS_STATUS, BATTERY_STATUS and PX4's battery_status say where they do not know."""
+_UNKNOWN: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+    # GPS_RAW_INT
+    "gps": {"satellites": (255.0,), "speed_mps": (655.35,), "hdop": (655.35,), "course_rad": (math.radians(655.35),)},
+    # SYS_STATUS, BATTERY_STATUS, and PX4's battery_status
+    "battery": {"voltage_v": (0.0, 65.535), "current_a": (-0.01, -1.0)},
+}
+"""Kind → column → what stands in it for "not known"."""
 
 SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
@@ -140,15 +142,16 @@ def _series(series: RawSeries) -> Series:
             values[:, i] = series.raw[name] * series.factors[name]
     columns = {name: values[:, i] for i, name in enumerate(names)}  # views: what follows changes `values`
     values[~np.isfinite(values)] = np.nan
+    for name, absent in _UNKNOWN.get(series.kind, {}).items():
+        for value in absent:
+            columns[name][np.isclose(columns[name], value, atol=1e-6)] = np.nan
     if series.kind == "gps":
-        _without_unknown(columns)
+        _without_fix(columns)
     if series.kind == "range" and series.source.startswith("DISTANCE_SENSOR"):
         quality = columns["quality"]
         quality[quality == 0.0] = np.nan  # "unknown", as of a sender without the field
         quality[quality == 1.0] = 0.0  # "invalid signal"
     if series.kind == "battery":
-        for name, absent in _NO_BATTERY.items():
-            columns[name][np.isclose(columns[name][:, None], absent, atol=1e-6).any(axis=1)] = np.nan
         columns["remaining"][~((columns["remaining"] >= 0.0) & (columns["remaining"] <= 1.0))] = np.nan
     if series.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
         columns["altitude_m"][:] = pressure_altitude(columns["pressure_pa"])
@@ -159,9 +162,8 @@ def _series(series: RawSeries) -> Series:
     return Series(series.t[keep], values[keep], names, series.source, series.instance)
 
 
-def _without_unknown(gps: Mapping[str, Array]) -> None:
-    for name, absent in _ABSENT.items():
-        gps[name][np.isclose(gps[name], absent, atol=1e-6)] = np.nan
+def _without_fix(gps: Mapping[str, Array]) -> None:
+    """NaN for what a receiver does not know without a fix, or without one in three dimensions."""
     for name in SIGMAS:
         gps[name][~(gps[name] > 0.0)] = np.nan  # 0 is "not known": the extension fields of an older sender
     nowhere = (gps["fix_type"] < _FIX_2D) | ((gps["lat_rad"] == 0.0) & (gps["lon_rad"] == 0.0))

@@ -29,10 +29,12 @@ from companion.telemetry.samples import BoolArray, majority
 
 Sender = dict[str, Messages]
 
-_STATE_MESSAGES = {
+STATE_MESSAGES = {
     *IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
 }  # fmt: skip
-_VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
+"""Messages of which each makes its sender a vehicle."""
+
+_VEHICLE_MESSAGES = STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 
 _REPORTED_STEPS = 3  # of the clock, in a note each
 
@@ -84,7 +86,7 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect, notes: list
 
     A heartbeat alone makes no vehicle, and one that contradicts the others changes none: the majority counts.
     """
-    states = _STATE_MESSAGES & sender.keys()
+    states = STATE_MESSAGES & sender.keys()
     autopilot = kind = UNKNOWN
     if "HEARTBEAT" in sender:
         beats = sender["HEARTBEAT"]
