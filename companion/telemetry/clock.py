@@ -15,13 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.mavlink import Messages
+from companion.mavlink import Index, Messages
 from companion.model import IMU_MESSAGES, Array, Epoch, weighted_median
 from companion.telemetry.samples import BoolArray
-
-IntArray = npt.NDArray[np.int64]
 
 REBOOT_FALL_S = 5.0
 """A fall of the device clock by more than this, that lasts, is a reboot. Smaller ones exist without (1.4 s, once)."""
@@ -46,7 +43,7 @@ _WINDOW = 25  # samples on either side that have to agree on a fall, so that an 
 class Clock:
     """Device time along one sender's packets: t at the file offset of each packet that carries time_boot_ms."""
 
-    offset: IntArray  # (N,) bytes from the start of the file, increasing
+    offset: Index  # (N,) bytes from the start of the file, increasing
     t: Array  # (N,) s since boot, wraps undone
     log_time: Array  # (N,) s UNIX
 
@@ -54,7 +51,7 @@ class Clock:
         """The clock along some of the packets."""
         return Clock(self.offset[index], self.t[index], self.log_time[index])
 
-    def at(self, offset: IntArray) -> Array:
+    def at(self, offset: Index) -> Array:
         """Device time of packets without one, from their neighbours in the file. Zeros without any clock."""
         return np.interp(offset, self.offset, self.t) if len(self.t) else np.zeros(len(offset))
 
@@ -115,7 +112,7 @@ def _timed(sender: Mapping[str, Messages]) -> list[Messages]:
     )
 
 
-def _sparse(offset: IntArray, t: Array, log_time: Array) -> tuple[IntArray, Array, Array]:
+def _sparse(offset: Index, t: Array, log_time: Array) -> tuple[Index, Array, Array]:
     """Some of very many packets: every n-th, and all around the places where the time does not simply go on."""
     every = len(t) // _CLOCK_PACKETS
     if every < 2:
@@ -198,7 +195,7 @@ def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
     return (own - shift, shift) if abs(shift) > _SHIFT_S else (own, 0.0)
 
 
-def _shift(own: Array, offset: IntArray, clock: Clock) -> float:
+def _shift(own: Array, offset: Index, clock: Clock) -> float:
     """The constant by which a message's own stamps differ from the clock, s; 0 where it is not constant.
 
     Each message was sent between the clock packets on either side of it in the file, which bounds the constant from

@@ -58,9 +58,7 @@ def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: 
         for row in MESSAGE_SOURCES
         if row.name in messages
         for one in _of_messages(
-            replace(row, fields=VIBRATION_PX4) if px4 and row.kind == "vibration" else row,
-            messages[row.name],
-            notes,
+            replace(row, fields=VIBRATION_PX4) if px4 and row.kind == "vibration" else row, messages[row.name], notes
         )
     )
 

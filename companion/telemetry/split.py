@@ -9,13 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.mavlink import Dialect, Frames, Messages
+from companion.mavlink import Dialect, Frames, Index, Messages
 from companion.model import IMU_MESSAGES, Array, Vehicle, counted
 from companion.telemetry.clock import (
     ON_LINK,
     UNIX_S,
     Clock,
-    IntArray,
     device_time,
     left_out,
     off_course,
@@ -182,7 +181,7 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
     offset = clock.offset[back]
     passed_again = np.append(np.minimum.accumulate(clock.t[back][::-1])[::-1], np.inf)  # from when on, by what follows
 
-    def stays(at: IntArray, t: Array) -> BoolArray:
+    def stays(at: Index, t: Array) -> BoolArray:
         return np.asarray(t < passed_again[np.searchsorted(offset, at, side="right")])
 
     sender = {n: m.select(stays(m.offset, clock.at(m.offset))) for n, m in sender.items()}

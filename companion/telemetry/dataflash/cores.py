@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.logs import Records
+from companion.mavlink import Index
 from companion.model import Array, BiasTrack, DataError, EstimatorReset, ResetKind, SensorInUse, StatusText
 from companion.telemetry import events
 from companion.telemetry.samples import commonest, in_use, increasing
@@ -44,7 +44,7 @@ class Ekf:
     parameters: Mapping[str, float]
     prefix: str  # of its records: "XK", "NK" or "EK"
     t: Array  # (N,) s, when the log tells which core is primary (XKF4.PI); none where it does not ...
-    primary: npt.NDArray[np.int64]  # (N,) ... and which that is
+    primary: Index  # (N,) ... and which that is
     core: int
 
     @property

@@ -136,11 +136,7 @@ RECORDS = NEEDED | _NUMBERS.keys() | _WORDS.keys() | _OUTPUTS.keys() | _OTHERS
 
 @np.errstate(invalid="ignore", over="ignore")  # damage makes NaNs that signal, and numbers beyond all bounds
 def dataflash_flight(
-    messages: dict[str, Records],
-    dialect: Dialect,
-    *,
-    core: int | None,
-    undecoded: Mapping[str, int],
+    messages: dict[str, Records], dialect: Dialect, *, core: int | None, undecoded: Mapping[str, int]
 ) -> Flight | None:
     """The one flight of a .bin; None when it has no times at all.
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from companion.mavlink import Index
 from companion.model import Array, BiasTrack, EstimatorReset, ResetKind, SensorInUse
 from companion.telemetry.events import lane_changes
 from companion.telemetry.samples import commonest, finite_rows, in_use, increasing
@@ -70,7 +70,7 @@ def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) 
     return tuple(sorted(tracks, key=lambda track: (track.core != first, track.core)))
 
 
-def _primary(topics: Topics) -> tuple[Array, npt.NDArray[np.int64]]:
+def _primary(topics: Topics) -> tuple[Array, Index]:
     """Times (N,) s and which instance of EKF2 the selector lets fly, (N,); none where the log does not tell."""
     topic = topics.get(_SELECTOR)
     if topic is None or "primary_instance" not in topic:
