@@ -8,4 +8,4 @@ from companion.links.requests import ForbiddenMessageError, Request, Target, ann
 from companion.links.restoration import state_folder
 from companion.links.session import Choice, Report, Session
 from companion.links.stream_manager import StreamManager
-from companion.links.vehicle_facts import Clock
+from companion.links.vehicles import Clock

@@ -11,13 +11,12 @@ from companion.links import requests
 from companion.links.link import Link
 from companion.links.recordings import Recorder
 from companion.links.request_table import StreamRequest, desired_from, fit
-from companion.links.requests import Target
+from companion.links.requests import Request, Target
 from companion.links.restoration import OriginalRatesFile, original_rates_path
 from companion.links.stream_manager import StreamManager
-from companion.links.vehicle_facts import Clock
-from companion.links.vehicles import MOST_VEHICLES, Vehicles, VehicleSession
+from companion.links.vehicles import MOST_VEHICLES, Clock, Reboots, Timesync, Vehicles
 from companion.mavlink import Frames, Messages, split_messages
-from companion.model import CompanionError
+from companion.model import IMU_MESSAGES, CompanionError
 
 _log = logging.getLogger(__name__)
 _HEARTBEAT_S = 1.0
@@ -289,3 +288,60 @@ class Session:
             for request in vehicle.next_requests(now):
                 self.link.send(request)
             vehicle.complain(now)
+
+
+class VehicleSession:
+    """Messages and times go in, requests and sentences come out.
+
+    rates: None when nothing may be requested. reported: where sentences for the user are added.
+    """
+
+    def __init__(
+        self, target: Target, rates: StreamManager | None, reported: list[str], now: float, patience_s: float
+    ) -> None:
+        self.target = target
+        self.rates = rates
+        self.timesync = Timesync()
+        self.sends_imu = False  # whether an IMU message of it has come
+        self._reboots = Reboots()  # where there are no rates, which watch this too
+        self.found_at = now  # s
+        self._patience_s = patience_s
+        self._complained = False
+        self._reported = reported
+
+    def receive(self, messages: Mapping[str, Messages], now: float) -> float | None:
+        """Take those messages that are of this vehicle: when it has started, s, once after a reboot."""
+        own: dict[str, Messages] = {}
+        for name, columns in messages.items():
+            mine = (columns.sysid == self.target.sysid) & (columns.compid == self.target.compid)
+            if mine.any():
+                own[name] = columns.select(mine)
+        if "TIMESYNC" in own:
+            self.timesync.receive(own["TIMESYNC"], now)
+        self.sends_imu = self.sends_imu or not own.keys().isdisjoint(IMU_MESSAGES)
+        if self.rates is None:
+            return self._reboots.receive(own, now)
+        return self.rates.receive(own, now)
+
+    def awaits(self, now: float) -> bool:
+        """Whether answers are due: those that ask for messages, and the clock's, whose latency counts."""
+        return self.rates is not None and (not self.rates.settled or self.timesync.awaits(now))
+
+    def next_requests(self, now: float) -> list[Request]:
+        """What to send now."""
+        if self.rates is None:
+            return []
+        candidates = (self.rates.next_request(now), self.timesync.next_request(now))
+        return [request for request in candidates if request is not None]
+
+    def complain(self, now: float) -> None:
+        """Say, once, that no IMU message comes."""
+        if self._complained or now - self.found_at <= self._patience_s or self.sends_imu:
+            return
+        self._complained = True
+        how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
+        why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
+        if self.rates is not None and self.rates.signed:
+            why = "it signs its messages, and obeys only requests that are signed with its key"
+            how = "give the key with --signing-key-file"
+        self._reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

@@ -16,7 +16,7 @@ from companion.links import request_table, requests
 from companion.links.request_table import STREAMS, RequestState, StreamRequest, slower
 from companion.links.requests import Request, Target, results
 from companion.links.restoration import NOT_SENT, OriginalRate, OriginalRatesFile, Restoration, is_same
-from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
+from companion.links.vehicles import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
 
 _ANSWER_S = 1.0  # how long an answer may take

@@ -8,7 +8,7 @@ import pytest
 
 from companion.links import Link as RealLink
 from companion.links import Session
-from companion.links.vehicle_facts import Clock, Timesync
+from companion.links.vehicles import Clock, Timesync
 from companion.mavlink import Decoder, Packer, load_dialect, split_messages
 from tests.simulated import flying
 from tests.waiting import wait_for
