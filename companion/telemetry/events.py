@@ -94,18 +94,16 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
     and logs it; a value that it only repeats is no change.
     """
     known: dict[bytes, float] = {}
-    decoded: dict[bytes, str] = {}  # one that is tuned in flight changes over and over
-    changes = []
+    changed: list[tuple[float, bytes, float]] = []
     for name, at, value in zip(names, t.tolist(), values.tolist(), strict=True):
         if not math.isfinite(at) or not math.isfinite(value):
             continue
         before = known.get(name, value)
         known[name] = value
         if before != value and not name.startswith(b"STAT_"):
-            if name not in decoded:
-                decoded[name] = words(name)
-            changes.append(ParameterChange(at, decoded[name], value))
-    return tuple(changes)
+            changed.append((at, name, value))
+    decoded = {name: words(name) for name in known}  # one that is tuned in flight changes over and over
+    return tuple(ParameterChange(at, decoded[name], value) for at, name, value in changed)
 
 
 def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> SensorInUse | None:
@@ -265,12 +263,10 @@ def status_texts(messages: Messages) -> tuple[StatusText, ...]:
     """
     joined: list[StatusText] = []
     expected = (0, 0)  # id and chunk_seq of what would go on with the last text
-    columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
-    decoded: dict[bytes, str] = {}  # the same are said over and over
-    for at, severity, raw, chunk_id, chunk in zip(messages.t.tolist(), *columns, strict=True):
-        text = decoded.get(raw)
-        if text is None:
-            text = decoded[raw] = words(raw)
+    severities, texts, ids, chunks = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
+    decoded = {raw: words(raw) for raw in set(texts)}  # the same are said over and over
+    for at, severity, raw, chunk_id, chunk in zip(messages.t.tolist(), severities, texts, ids, chunks, strict=True):
+        text = decoded[raw]
         if chunk_id and (chunk_id, chunk) == expected:
             joined[-1] = StatusText(joined[-1].t, joined[-1].severity, joined[-1].text + text)
         else:
