@@ -160,19 +160,17 @@ def _records(
     del parts
     good = np.array(whole, np.bool_)
     offsets, size = offsets[good], np.array([len(line) for line in lines], np.int64)[good]
-    kinds: list[tuple[str, Any, tuple[int, ...]]] = []
-    columns: list[npt.NDArray[Any]] = []
+    columns: dict[str, npt.NDArray[Any]] = {}
     sound = np.ones(len(offsets), np.bool_)
     for name, text in zip(fields, texts, strict=True):
-        values, fits = _column(text, layout.dtype[name])
-        kinds.append((name, values.dtype, values.shape[1:]))
-        columns.append(values)
+        columns[name], fits = _column(text, layout.dtype[name])
         sound &= fits
-    rows = np.empty(len(offsets), np.dtype(kinds))
-    for (name, *_), values in zip(kinds, columns, strict=True):
+    dtype = np.dtype([(name, values.dtype, values.shape[1:]) for name, values in columns.items()])
+    rows = np.empty(len(offsets), dtype)
+    for name, values in columns.items():
         rows[name] = values
-    if needed and kinds:  # a mode may be a name: its column is text then
-        layout = replace(layout, dtype=np.dtype(kinds))
+    if needed and columns:  # a mode may be a name: its column is text then
+        layout = replace(layout, dtype=dtype)
     return Records(layout, offsets[sound], rows[sound]), sum(map(len, lines)) - int(size[sound].sum())
 
 
