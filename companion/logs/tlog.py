@@ -153,14 +153,10 @@ def _what_else(path: Path, head: bytes) -> str:
     """
     if kind := next((kind for at, magic, kind in _OTHER_MAGIC if head.startswith(magic, at)), ""):
         return kind
-    if head.strip(head[:1]) == b"" and _is_blank(path, head[:1]):
+    if head.strip(head[:1]) == b"" and all(chunk.strip(head[:1]) == b"" for chunk in Contents(path).chunks()):
         filling = "zeros" if head[:1] == b"\0" else f"bytes of {head[:1].hex().upper()}"
         return f"blank, nothing but {filling}"
     return _text(head[:TEXT_BYTES])
-
-
-def _is_blank(path: Path, filling: bytes) -> bool:
-    return all(chunk.strip(filling) == b"" for chunk in Contents(path).chunks())
 
 
 def _text(head: bytes) -> str:

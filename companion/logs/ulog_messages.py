@@ -253,14 +253,9 @@ def _subscription(body: bytes) -> Subscription | None:
     return Subscription(number, topic, instance) if NAME.fullmatch(topic) else None
 
 
-def _info(body: bytes) -> Info | None:
+def _named(body: bytes, *, of: type[Info] | type[Parameter]) -> Info | Parameter | None:
     pair = _key_and_value(body)
-    return None if pair is None else Info(*pair)
-
-
-def _parameter(body: bytes) -> Parameter | None:
-    pair = _key_and_value(body)
-    return None if pair is None else Parameter(*pair)
+    return None if pair is None else of(*pair)
 
 
 def _unread(body: bytes) -> Unread | None:
@@ -278,9 +273,9 @@ _PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
     ord("F"): _format,
     ord("A"): _subscription,
     ord("R"): lambda body: Unsubscription(int.from_bytes(body, "little")),
-    ord("I"): _info,
+    ord("I"): partial(_named, of=Info),
     ord("M"): _unread,
-    ord("P"): _parameter,
+    ord("P"): partial(_named, of=Parameter),
     ord("Q"): _unread,
     ord("L"): partial(_logged, begin=1),
     ord("C"): partial(_logged, begin=3),

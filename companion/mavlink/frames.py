@@ -175,8 +175,10 @@ class Decoder:
 
         if len(frames):
             self._last_end = base + int(frames.end[-1])
-        if final:
-            self._end_of_stream(base + size)
+        if final:  # as if one more frame, with its stamp, followed the end
+            end = base + size
+            self._close_gap(self._last_end, end + self._stamp, proven=self._chain == end + self._stamp)
+            self._last_end, self._chain = end, -1
         self._keep(data[:size], decided)
         return result
 
@@ -312,9 +314,3 @@ class Decoder:
             skipped -= self._pending_bytes
         self.damage.bad_crc_frames += self._chain_bad if proven else self._gap_bad
         self.damage.skipped_bytes += skipped
-
-    def _end_of_stream(self, size: int) -> None:
-        # As if one more frame, with its stamp, followed the end.
-        self._close_gap(self._last_end, size + self._stamp, proven=self._chain == size + self._stamp)
-        self._last_end = size
-        self._chain = -1

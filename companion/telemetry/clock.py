@@ -293,8 +293,8 @@ def off_course(streams: Mapping[str, Array], course: Course) -> dict[str, BoolAr
     other samples of all streams cover than any silence is long. In between, no sample of a stream whose times only rise
     is ever left out, however long its gaps are.
     """
-    middle = _middle([t for t in streams.values() if len(t)]) if np.isfinite(course.away_s) else np.nan
-    apart = {name: _apart(t, _elsewhere(t, middle, course.away_s), course.disorder_s) for name, t in streams.items()}
+    middle = _middle([t for t in streams.values() if len(t)]) if np.isfinite(course.away_s) else 0.0
+    apart = {name: _apart(t, middle, course) for name, t in streams.items()}
     covered = np.array([_core(t[~apart[name]]) for name, t in streams.items() if (~apart[name]).sum() >= _SURE])
     for name, t in streams.items():
         if len(covered):
@@ -329,14 +329,9 @@ def _core(t: Array) -> tuple[float, float]:
     return float(inner.min()), float(inner.max())
 
 
-def _elsewhere(t: Array, middle: float, away_s: float) -> BoolArray:
-    """Which of the times (N,) are none, or further than `away_s` from the middle."""
-    return np.asarray(~(np.abs(t - middle) < away_s) if np.isfinite(away_s) else ~np.isfinite(t))
-
-
-def _apart(t: Array, elsewhere: BoolArray, disorder_s: float) -> BoolArray:
-    """Which of the times (N,) are `elsewhere`, or stand apart from the median of five around them."""
-    apart = elsewhere.copy()
+def _apart(t: Array, middle: float, course: Course) -> BoolArray:
+    """Which of the times (N,) are none, too far from the middle, or apart from the median of five around them."""
+    apart = np.asarray(~(np.abs(t - middle) < course.away_s))
     if not apart.any() and not (t[1:] < t[:-1]).any():  # as of most streams
         return apart
     for _ in range(_PASSES):
@@ -349,9 +344,9 @@ def _apart(t: Array, elsewhere: BoolArray, disorder_s: float) -> BoolArray:
         index = np.unique(np.clip(falls[:, None] + reach, 0, len(rest) - 1))
         around = np.clip(index[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, len(rest) - 1)
         off = np.abs(rest[index] - np.sort(rest[around], axis=1)[:, _NEIGHBOURS])
-        if not (off > disorder_s).any():  # as of reboots alone: the median of all steps is not needed
+        if not (off > course.disorder_s).any():  # as of reboots alone: the median of all steps is not needed
             break
-        away = off > max(disorder_s, _PERIODS * float(np.median(np.abs(np.diff(rest)))))
+        away = off > max(course.disorder_s, _PERIODS * float(np.median(np.abs(np.diff(rest)))))
         if not away.any():
             break
         apart[index[away] if kept is None else kept[index[away]]] = True

@@ -12,7 +12,7 @@ RCO3).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -185,9 +185,9 @@ def why_no_flight(messages: Mapping[str, Records]) -> str:
 
 def _without_tracks(ekf: cores.Ekf, times: Mapping[str, Array], dialect: Dialect) -> Flight:
     records, parameters = ekf.records, ekf.parameters
-    vehicle = _vehicle(records, parameters)
-    begin, end = (float(edge) for edge in (min(t[0] for t in times.values()), max(t[-1] for t in times.values())))
     texts = _texts(records)
+    vehicle = _vehicle(records, parameters, texts)
+    begin, end = (float(edge) for edge in (min(t[0] for t in times.values()), max(t[-1] for t in times.values())))
     return Flight(
         vehicle=vehicle,
         settings=setting_names(vehicle.autopilot),
@@ -260,13 +260,12 @@ def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
     return tuple(StatusText(t, _INFO, words(text)) for t, text in rows)
 
 
-def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:
-    texts = map(words, records["MSG"]["Message"].tolist()) if "MSG" in records else ()
+def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float], texts: Sequence[StatusText]) -> Vehicle:
     build, version = None, ""
     if "VER" in records and records["VER"].layout.has_numbers("BU", "Maj", "Min", "Pat"):
         build, *numbers = (int(records["VER"][name][0]) for name in ("BU", "Maj", "Min", "Pat"))
         version = ".".join(map(str, numbers))
-    kind, firmware = banner(texts) or (vehicle_type(parameters, build), version)
+    kind, firmware = banner(one.text for one in texts) or (vehicle_type(parameters, build), version)
     return Vehicle(
         sysid=identity(parameters, "MAV_SYSID", "SYSID_THISMAV"),
         compid=1,
