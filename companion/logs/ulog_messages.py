@@ -119,16 +119,8 @@ class Formats:
         return self._bytes[name]
 
 
-def flat_names(dtype: np.dtype[Any], prefix: str = "") -> Iterator[str]:
-    """Each basic field of a structure as PX4's tools write it: `x`, `q[0]`, `esc[1].rpm`."""
-    for name in dtype.names or ():
-        kind, shape = dtype[name].base, dtype[name].shape
-        for own in [f"{prefix}{name}[{i}]" for i in range(shape[0])] if shape else [f"{prefix}{name}"]:
-            yield from [own] if kind.names is None else flat_names(kind, f"{own}.")
-
-
 def placed(dtype: np.dtype[Any], field: str) -> tuple[np.dtype[Any], int] | None:
-    """Kind and place of such a basic field; None where there is none."""
+    """Kind and place of a basic field of a structure, as PX4's tools write it: `x`, `q[0]`, `esc[1].rpm`; or None."""
     at = 0
     for part in field.split("."):
         match = _PART.fullmatch(part)

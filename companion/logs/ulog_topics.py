@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.logs.ulog_messages import Formats, Subscription, TopicLayout, flat_names, placed
+from companion.logs.ulog_messages import Formats, Subscription, TopicLayout, placed
 from companion.mavlink import Bytes, Index, as_bytes, gather
 
 HEADER_BYTES = 5  # of data: size, type and number
@@ -20,11 +20,11 @@ _STAMPS_ALONE = np.dtype([("timestamp", "<u8")])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UlogTopic(Mapping[str, npt.NDArray[Any]]):
-    """All messages of one instance of a topic, in file order: field → column (N,).
+class UlogTopic:
+    """All messages of one instance of a topic, in file order: field → column (N,), a view into the rows.
 
     The elements of arrays and the fields of parts are fields by the names that PX4's tools give them: `q[0]`,
-    `esc[1].rpm`. `dict(topic)` makes them all; one alone is a view into the rows.
+    `esc[1].rpm`.
     """
 
     name: str
@@ -32,9 +32,7 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
     rows: npt.NDArray[np.void]  # (N,) structured as declared; the time alone if this topic was not requested
     declared: np.dtype[Any]  # the whole structure
 
-    @property
-    def count(self) -> int:
-        """Messages, N."""
+    def __len__(self) -> int:
         return len(self.rows)
 
     @property
@@ -44,17 +42,24 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
     def __getitem__(self, field: str) -> npt.NDArray[Any]:
         """Raises KeyError if the topic has no such field, LookupError if it was not read."""
+        column = self.get(field)
+        if column is None:
+            raise KeyError(f"{self.name} has no field {field!r}")
+        return column
+
+    def get(self, field: str) -> npt.NDArray[Any] | None:
+        """None if the topic has no such field. Raises LookupError if it was not read."""
         place = self._place(field)
         if place is None:
-            raise KeyError(f"{self.name} has no field {field!r}")
+            return None
         kind, offset = place
         if not len(self.rows):
             return np.empty(0, kind)
         return np.ndarray(self.rows.shape, kind, self.rows.view(np.uint8).data, offset, self.rows.strides)
 
-    def __contains__(self, field: object) -> bool:
+    def __contains__(self, field: str) -> bool:
         """Raises LookupError if there is such a field that was not read."""
-        return isinstance(field, str) and self._place(field) is not None
+        return self._place(field) is not None
 
     def _place(self, field: str) -> tuple[np.dtype[Any], int] | None:
         place = placed(self.rows.dtype, field)
@@ -62,20 +67,13 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
             raise LookupError(f"the fields of {self.name} were not read: add it to `names`")
         return place
 
-    def __iter__(self) -> Iterator[str]:
-        return flat_names(self.rows.dtype)
-
-    def __len__(self) -> int:
-        """Fields, as of any mapping."""
-        return sum(1 for _ in self)
-
     def seconds(self, field: str = "timestamp") -> npt.NDArray[np.float64]:
         """A time field, µs of the boot clock, in s: (N,)."""
         return np.asarray(self[field], np.float64) * 1e-6
 
     def columns(self, *fields: str) -> npt.NDArray[np.float64]:
         """Fields side by side, (N, len(fields)), NaN for a field that is not there or not finite."""
-        values = np.full((self.count, len(fields)), np.nan)
+        values = np.full((len(self), len(fields)), np.nan)
         with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
             for i, field in enumerate(fields):
                 column = self.get(field)
@@ -94,11 +92,11 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
     def flag(self, field: str) -> npt.NDArray[np.bool_]:
         """A field of truth values, (N,); true where there is none."""
-        return np.asarray(self[field], np.bool_) if field in self else np.ones(self.count, np.bool_)
+        return np.asarray(self[field], np.bool_) if field in self else np.ones(len(self), np.bool_)
 
     def ids(self, field: str) -> npt.NDArray[np.int64]:
         """Ids of the sensor behind each row, (N,); 0 where there is no such field."""
-        return np.asarray(self[field]).astype(np.int64) if field in self else np.zeros(self.count, np.int64)
+        return np.asarray(self[field]).astype(np.int64) if field in self else np.zeros(len(self), np.int64)
 
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> UlogTopic:
         """The messages of a mask, an index or a slice."""

@@ -176,7 +176,8 @@ def of_dataflash(folder: Path) -> Contents:
 def of_ulog(folder: Path) -> Contents:
     """Fifty seconds of a PX4 log with two IMUs, but for topics within topics."""
     log = read_ulog(_unpacked(_ULOG, folder))
-    topics = {f"{one.name}:{one.instance}": one.rows for one in log.topics if not any("." in field for field in one)}
+    flat = (one for one in log.topics if not any(kind.base.names for kind, *_ in (one.declared.fields or {}).values()))
+    topics = {f"{one.name}:{one.instance}": one.rows for one in flat}
 
     def write(rows: Mapping[str, Rows], origin: Mapping[str, Index]) -> bytes:
         del origin

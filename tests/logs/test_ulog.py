@@ -8,6 +8,7 @@ import io
 import lzma
 import struct
 import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +51,20 @@ def read(folder: Path, contents: bytes, **how: Any) -> Ulog:
     return read_ulog(path, **how)
 
 
+def flat_names(dtype: np.dtype[Any], prefix: str = "") -> Iterator[str]:
+    """Each basic field of a structure as PX4's tools write it: `x`, `q[0]`, `esc[1].rpm`."""
+    for name in dtype.names or ():
+        kind, shape = dtype[name].base, dtype[name].shape
+        for own in [f"{prefix}{name}[{i}]" for i in range(shape[0])] if shape else [f"{prefix}{name}"]:
+            yield from [own] if kind.names is None else flat_names(kind, f"{own}.")
+
+
 def assert_same(log: Ulog, theirs: ULog) -> None:
     topics = by_name(log)
     assert topics.keys() == {(one.name, one.multi_id) for one in theirs.data_list}
     for one in theirs.data_list:
         topic = topics[one.name, one.multi_id]
-        assert list(topic) == list(one.data)
+        assert list(flat_names(topic.rows.dtype)) == list(one.data)
         for field, values in one.data.items():
             assert topic[field].dtype == values.dtype
             assert topic[field].tobytes() == values.tobytes(), f"{one.name}.{field}"
@@ -77,7 +86,7 @@ def test_every_topic_and_value_is_what_pyulog_reads(path: Path) -> None:
     log, theirs = read_ulog(path), read_with_pyulog(contents)
     if not log.skipped_bytes:
         assert_same(log, theirs)
-    counts = {name: topic.count for name, topic in by_name(log).items()}
+    counts = {name: len(topic) for name, topic in by_name(log).items()}
     assert all(counts[one.name, one.multi_id] >= len(one.data["timestamp"]) for one in theirs.data_list)
 
 
@@ -145,7 +154,7 @@ def test_all_that_a_log_may_say(tmp_path: Path) -> None:
     assert_same(log, read_with_pyulog(contents))
     assert (log.skipped_bytes, log.cut_bytes, log.unknown, log.undecoded) == (0, 0, 0, {})
     topics = by_name(log)
-    assert {name: topic.count for name, topic in topics.items()} == {
+    assert {name: len(topic) for name, topic in topics.items()} == {
         ("gyro", 0): 400, ("gyro", 1): 400, ("esc", 0): 400, ("late", 0): 199,
     }  # fmt: skip
     assert topics["gyro", 1]["xyz[2]"].tolist() == [0.5 * i for i in range(400)]
@@ -197,7 +206,7 @@ def test_data_that_was_added_after_a_crash(tmp_path: Path) -> None:
     assert_same(read(tmp_path, contents), read_with_pyulog(contents))
     log = read(tmp_path, contents + gyro(0, 500))
     assert log.appended
-    assert by_name(log)["gyro", 0].count == 401
+    assert len(by_name(log)["gyro", 0]) == 401
     assert (log.skipped_bytes, log.cut_bytes) == (0, len(data(3, "Qd", 0, 0)) - 10)
 
 
@@ -237,7 +246,7 @@ def rows_of(log: Ulog) -> dict[tuple[str, int], set[bytes]]:
 
 
 def kept(log: Ulog) -> int:
-    return sum(topic.count for topic in log.topics)
+    return sum(len(topic) for topic in log.topics)
 
 
 def test_damage_costs_the_messages_it_touches(tmp_path: Path) -> None:

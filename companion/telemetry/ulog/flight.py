@@ -166,7 +166,7 @@ def _events(topics: Topics) -> tuple[Event, ...]:
     topic = topics["vehicle_status"]
     t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
-    failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
+    failsafe = np.asarray(topic["failsafe"] if "failsafe" in topic else np.zeros(len(t)), np.bool_)
     named = (("event", "failsafe over"), ("error", "failsafe"))
     events += [Event(float(t[i]), *named[int(failsafe[i])]) for i in turns(failsafe)]
     return in_order(events)

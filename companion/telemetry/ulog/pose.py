@@ -234,7 +234,7 @@ def _lane_moved(t: Array, topic: Topic | None, origin: Origin | None) -> tuple[A
     Each instance has an origin of its own: positions are moved to the flight's.
     """
     unknown = np.full((len(t), 3), np.nan)
-    if topic is None or topic.count < 2 or not len(t):
+    if topic is None or len(topic) < 2 or not len(t):
         return unknown, unknown
     own, columns = sampled(topic), topic.columns("vx", "vy", "vz", "x", "y", "z")
     columns = np.where(_is_valid(topic)[:, None], columns, np.nan)

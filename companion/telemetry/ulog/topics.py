@@ -84,8 +84,8 @@ def topics_of(log: Ulog, read: list[UlogTopic]) -> tuple[dict[str, Topic], dict[
     notes += left_out(times, apart)
     for name, mask in apart.items():
         whole[name], times[name] = whole[name].select(~mask), times[name][~mask]
-    topics = {name: topic for name, topic in whole.items() if topic.count}
-    notes += _published({name: topic for name, topic in whole.items() if topic.count and topic.fields_read})
+    topics = {name: topic for name, topic in whole.items() if len(topic)}
+    notes += _published({name: topic for name, topic in topics.items() if topic.fields_read})
     return topics, {name: times[name] for name in topics}, notes
 
 
