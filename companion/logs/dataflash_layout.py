@@ -7,7 +7,7 @@ Source: ArduPilot `libraries/AP_Logger/LogStructure.h`, `README.md`, and pymavli
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -136,24 +136,14 @@ def record_layouts(
     data: Bytes, formats: Mapping[int, Declaration], starts: Index, types: Bytes
 ) -> tuple[dict[int, RecordLayout], dict[int, str]]:
     """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
-    plain = {number: record_layout(declared, Units({}, {}, {})) for number, declared in formats.items()}
+    plain = {number: record_layout(declared, NO_UNITS) for number, declared in formats.items()}
     by_name = {declared.name: number for number, declared in formats.items()}
 
-    def rows(name: str, columns: Mapping[str, str]) -> npt.NDArray[np.void]:
-        """The records of a type whose columns must be of these kinds; none where damage made others of them."""
+    def rows(name: str) -> npt.NDArray[np.void]:
         layout = plain.get(by_name.get(name, -1))
-        if layout is None or any(layout.kind(column) not in tuple(kinds) for column, kinds in columns.items()):
-            return np.empty(0, np.void)
-        return gather_rows(data, starts[types == layout.type], layout.dtype)
+        return NO_ROWS if layout is None else gather_rows(data, starts[types == layout.type], layout.dtype)
 
-    units = Units.from_rows(
-        [(int(row["Id"]), _text(row["Label"])) for row in rows("UNIT", {"Id": "iu", "Label": "S"})],
-        [(int(row["Id"]), float(row["Mult"])) for row in rows("MULT", {"Id": "iu", "Mult": "f"})],
-        [
-            (int(row["FmtType"]), _text(row["UnitIds"]), _text(row["MultIds"]))
-            for row in rows("FMTU", {"FmtType": "iu", "UnitIds": "S", "MultIds": "S"})
-        ],
-    )
+    units = defined_units(rows)
     layouts = {n: layout for n, one in formats.items() if (layout := record_layout(one, units)) is not None}
     present = set(np.unique(types).tolist())
     return layouts, {n: f.name for n, f in formats.items() if n in present and n not in layouts}
@@ -167,20 +157,30 @@ class Units:
     factors: Mapping[str, float]  # letter → what makes a value one in its unit
     letters: Mapping[int, tuple[str, str]]  # type → the letters of its columns' units, and of their factors
 
-    @classmethod
-    def from_rows(
-        cls,
-        labels: Iterable[tuple[int, str]],
-        factors: Iterable[tuple[int, float]],
-        letters: Iterable[tuple[int, str, str]],
-    ) -> Units:
-        """From the rows of UNIT, MULT and FMTU."""
-        return cls(
-            {chr(number % 256): label for number, label in labels},
-            # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
-            {chr(number % 256): float(f"{factor:.7g}") for number, factor in factors},
-            {number: (units, multipliers) for number, units, multipliers in letters},
-        )
+
+NO_UNITS = Units({}, {}, {})
+NO_ROWS = np.empty(0, np.dtype([]))
+
+
+def defined_units(rows: Callable[[str], npt.NDArray[np.void]]) -> Units:
+    """What UNIT, MULT and FMTU say; rows: those of a type, `NO_ROWS` where there is none."""
+
+    def columns(name: str, **kinds: str) -> Iterator[tuple[Any, ...]]:
+        """These columns of each row; none where damage made others of them."""
+        of_type = rows(name)
+        known = {field: of_type.dtype[field].kind for field in of_type.dtype.names or ()}
+        if all(known.get(field, "") in tuple(kind) for field, kind in kinds.items()):
+            yield from zip(*(of_type[field].tolist() for field in kinds), strict=True)
+
+    return Units(
+        {chr(number % 256): _text(label) for number, label in columns("UNIT", Id="iu", Label="S")},
+        # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
+        {chr(number % 256): float(f"{factor:.7g}") for number, factor in columns("MULT", Id="iu", Mult="f")},
+        {
+            number: (_text(units), _text(factors))
+            for number, units, factors in columns("FMTU", FmtType="iu", UnitIds="S", MultIds="S")
+        },
+    )
 
 
 def record_layout(declared: Declaration, defined: Units, *, text: bool = False) -> RecordLayout | None:

@@ -8,7 +8,7 @@ pymavlink's `DFReader_text`, and for the arrays Mission Planner's `ExtLibs/Utili
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs.dataflash import DataflashLog, Records
-from companion.logs.dataflash_layout import Declaration, RecordLayout, Units, record_layout
+from companion.logs.dataflash_layout import NO_ROWS, NO_UNITS, Declaration, RecordLayout, defined_units, record_layout
 from companion.logs.logfile import MOST_BYTES, Contents
 from companion.model import InputError
 
@@ -50,7 +50,12 @@ def read_dataflash_text(
     lines, skipped = _lines(data, declared.keys())
     if not declared:
         raise InputError(f"{path} begins like a DataFlash log in text, but declares no record: copy it again.")
-    units = _units(lines, declared)
+
+    def rows_of(name: str) -> npt.NDArray[np.void]:
+        layout = record_layout(declared[name], NO_UNITS, text=True) if name in lines else None
+        return NO_ROWS if layout is None else _records(layout, *lines[name], needed=True)[0].rows
+
+    units = defined_units(rows_of)
     messages: dict[str, Records] = {}
     undecoded: dict[str, int] = {}
     count = 0
@@ -59,7 +64,7 @@ def read_dataflash_text(
         if layout is None:
             undecoded[name] = len(rows)
             continue
-        records, left_out = _records(layout, rows, np.array(offsets, np.int64), needed=names is None or name in names)
+        records, left_out = _records(layout, rows, offsets, needed=names is None or name in names)
         count, skipped = count + len(records), skipped + left_out
         if len(records):
             messages[name] = records
@@ -109,57 +114,31 @@ def _declarations(rows: Sequence[bytes]) -> dict[str, Declaration]:
     return declared
 
 
-def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
-    """By the lines of UNIT, MULT and FMTU."""
-
-    def rows(name: str, *columns: str) -> list[Any]:
-        one = declared.get(name)
-        if one is None or not set(columns) <= set(one.columns):
-            return []
-        parts = (_split(row, len(one.columns)) for row in lines.get(name, ([], []))[0])
-        places = [one.columns.index(column) for column in columns]
-        decoded = (
-            [row[place].decode("ascii", "replace") for place in places] for row in parts if len(row) > max(places)
-        )
-        return [(int(first), *rest) for first, *rest in decoded if _is_byte(first)]
-
-    factors = ((number, _number(text)) for number, text in rows("MULT", "Id", "Mult"))
-    return Units.from_rows(
-        rows("UNIT", "Id", "Label"),
-        ((number, factor) for number, factor in factors if factor is not None),
-        rows("FMTU", "FmtType", "UnitIds", "MultIds"),
-    )
-
-
 def _is_byte(text: str) -> bool:
     return text.isdecimal() and len(text) <= 3
 
 
-def _number(text: str | bytes) -> float | None:
+def _number(text: bytes) -> float | None:
     try:
         return float(text)
     except ValueError:
         return None
 
 
-def _split(row: bytes, count: int) -> list[bytes]:
-    """The values of a line; what the last one has commas in stays together."""
-    return [part.strip() for part in row.split(b",", count - 1)]
+def _records(layout: RecordLayout, lines: list[bytes], starts: list[int], *, needed: bool) -> tuple[Records, int]:
+    """The lines of one type as rows, and the bytes of those left out. Not `needed`: their times alone.
 
-
-def _records(
-    layout: RecordLayout, lines: list[bytes], offsets: npt.NDArray[np.int64], *, needed: bool
-) -> tuple[Records, int]:
-    """The lines of one type as rows, and the bytes of those left out. Without `requested`: their times alone."""
+    starts: where each line begins in the file. What the last value of a line has commas in stays together.
+    """
     count = len(layout.fields)
-    parts = [_split(line, count) for line in lines]
+    parts = [[part.strip() for part in line.split(b",", count - 1)] for line in lines]
     whole = [len(row) == count for row in parts]
     fields = layout.fields if needed else tuple(name for name in (layout.clock,) if name)
     places = [layout.fields.index(name) for name in fields]
     texts = [[row[place] for row, good in zip(parts, whole, strict=True) if good] for place in places]
     del parts
     good = np.array(whole, np.bool_)
-    offsets, size = offsets[good], np.array([len(line) for line in lines], np.int64)[good]
+    offsets, size = (np.array(one, np.int64)[good] for one in (starts, [len(line) for line in lines]))
     columns: dict[str, npt.NDArray[Any]] = {}
     sound = np.ones(len(offsets), np.bool_)
     for name, text in zip(fields, texts, strict=True):
