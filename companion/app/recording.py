@@ -125,7 +125,7 @@ def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | N
     log = read_ulog(path, names=TOPICS, progress=progress, most_bytes=most_bytes)
     source, topics = _source(log), list(log.topics)
     log = replace(log, topics=())  # `ulog_flight` lets go of what it has read
-    return Recording(source, (ulog_flight(log, topics, _vehicle_types(dialect)),))
+    return Recording(source, (ulog_flight(log, topics, dialect.enum_names("MAV_TYPE")),))
 
 
 def _read_dataflash(
@@ -135,16 +135,11 @@ def _read_dataflash(
     log = read(path, names=RECORDS | SDLOG2_RECORDS, progress=progress, most_bytes=most_bytes)
     source = _source(log)
     if is_sdlog2(log.messages):
-        return Recording(source, (sdlog2_flight(log.messages, _vehicle_types(dialect)),))
+        return Recording(source, (sdlog2_flight(log.messages, dialect.enum_names("MAV_TYPE")),))
     records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
     del log  # `dataflash_flight` lets go of what it has read
     flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
     return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
-
-
-def _vehicle_types(dialect: Dialect) -> dict[int, str]:
-    """The names of MAV_TYPE."""
-    return {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
 
 
 def open_log(

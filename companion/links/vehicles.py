@@ -62,7 +62,7 @@ class Vehicles:
             if len(self.known) >= MOST_VEHICLES and not (target in self._imu_senders or self._chosen(target)):
                 self.limited = True
                 continue
-            self.known[target] = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
+            self.known[target] = self._names.get(autopilot, f"autopilot {autopilot}")
             met.append(target)
         return met
 

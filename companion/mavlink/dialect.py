@@ -64,15 +64,15 @@ class Dialect:
     enums: Mapping[str, Mapping[int, Any]]  # as pymavlink has them
 
     def enum_names(self, enum: str) -> Mapping[int, str]:
-        """Value -> name of an enum ("MAV_AUTOPILOT" -> {3: "MAV_AUTOPILOT_ARDUPILOTMEGA", ...}).
+        """Value -> name of an enum, without the enum's own ("MAV_AUTOPILOT" -> {3: "ARDUPILOTMEGA", ...}).
 
         Raises SettingsError, with the nearest names, if the dialect has no such enum.
         """
         if enum not in self.enums:
             raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self.enums)}")
         # The generator ends each enum with a sentinel that is no value of it.
-        entries = self.enums[enum].items()
-        return {value: str(entry.name) for value, entry in entries if not entry.name.endswith("_ENUM_END")}
+        names = {value: str(entry.name) for value, entry in self.enums[enum].items()}
+        return {v: name.removeprefix(f"{enum}_") for v, name in names.items() if not name.endswith("_ENUM_END")}
 
 
 @cache
@@ -206,7 +206,7 @@ def mode_name(dialect: Dialect, autopilot: str, kind: str, custom_mode: int) -> 
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24
         name = _PX4_AUTO.get(sub) if main == _AUTO else _PX4_MAIN.get(main)
     elif autopilot == "ARDUPILOTMEGA" and (enum := _MODES_OF.get(kind)) and enum in dialect.enums:
-        name = dialect.enum_names(enum).get(custom_mode, "").removeprefix(f"{enum}_")
+        name = dialect.enum_names(enum).get(custom_mode)
     return _SHORT.get(name, name) if name else f"mode {custom_mode}"
 
 

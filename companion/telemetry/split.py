@@ -90,8 +90,9 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect, notes: list
     if "HEARTBEAT" in sender:
         beats = sender["HEARTBEAT"]
         alike = beats.select(majority(beats["autopilot"], beats["type"]))
-        autopilot = _enum_name(dialect, "MAV_AUTOPILOT", int(alike["autopilot"][0]))
-        kind = _enum_name(dialect, "MAV_TYPE", int(alike["type"][0]))
+        numbers = int(alike["autopilot"][0]), int(alike["type"][0])
+        autopilot = dialect.enum_names("MAV_AUTOPILOT").get(numbers[0], str(numbers[0]))
+        kind = dialect.enum_names("MAV_TYPE").get(numbers[1], str(numbers[1]))
         if kind in _NOT_VEHICLES:
             return NonVehicle(*ids, f"its heartbeats say {kind}")
         if autopilot == "INVALID" and not states:
@@ -195,11 +196,6 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
             f"the device clock was set back {counted(len(back) - _REPORTED_STEPS, 'time')} more: the same is done there"
         )
     return sender, clock[stays(clock.offset, clock.t)], notes
-
-
-def _enum_name(dialect: Dialect, enum: str, value: int) -> str:
-    names: Mapping[int, str] = dialect.enum_names(enum)
-    return names.get(value, f"{enum}_{value}").removeprefix(f"{enum}_")
 
 
 def _banner(sender: Sender) -> tuple[str, str] | None:
