@@ -9,11 +9,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.logs.ulog_messages import Dropout, Flags, Info, LoggedText, Parameter, Value, parsed_message
-from companion.logs.ulog_scan import Scan, ScannedMessage
+from companion.logs.ulog_scan import Scan
 from companion.logs.ulog_topics import Collector, UlogTopic
 from companion.model import InputError
 
@@ -67,7 +66,6 @@ def read_ulog(
     collector = Collector(names)
     collector.latest = begun = int.from_bytes(head[8:_HEAD_BYTES], "little")
     scan = Scan(mapped.data, collector)
-
     size = len(mapped.data)
     edges = sorted({at for at in flags.appended if _HEAD_BYTES < at < size})
     for begin, end in zip([_HEAD_BYTES, *edges], [*edges, size], strict=True):
@@ -78,6 +76,8 @@ def read_ulog(
         undecoded[name] = undecoded.get(name, 0) + count
     if not topics:
         raise InputError(_no_data(path, collector))
+    said = scan.other_messages  # what is said twice holds as it was said last
+    set_values = [(t, m.name, m.value) for t, m in said if isinstance(m, Parameter)]
     return Ulog(
         path=path,
         size_bytes=contents.size_bytes,
@@ -91,7 +91,11 @@ def read_ulog(
         undecoded=MappingProxyType(undecoded),
         unknown=scan.unknown,
         topics=topics,
-        **_decoded(scan.other_messages),
+        infos=MappingProxyType({m.name: m.value for _, m in said if isinstance(m, Info)}),
+        parameters=MappingProxyType({name: value for t, name, value in set_values if t is None}),
+        parameter_changes=tuple((t, name, value) for t, name, value in set_values if t is not None),
+        texts=tuple(m for _, m in said if isinstance(m, LoggedText)),
+        dropouts=tuple((t or 0, m.duration_ms * 1e-3) for t, m in said if isinstance(m, Dropout)),
     )
 
 
@@ -123,15 +127,3 @@ def _no_data(path: Path, collector: Collector) -> str:
         f"{path} begins like a PX4 ULog, but no data can be read from it: it was cut off, or its definitions are "
         "damaged. Copy it again."
     )
-
-
-def _decoded(messages: list[ScannedMessage]) -> dict[str, Any]:
-    """What the log says beside its data, by the fields of Ulog. What is said twice holds as it was said last."""
-    set_values = [(t, m.name, m.value) for t, m in messages if isinstance(m, Parameter)]
-    return {
-        "infos": MappingProxyType({m.name: m.value for _, m in messages if isinstance(m, Info)}),
-        "parameters": MappingProxyType({name: value for t, name, value in set_values if t is None}),
-        "parameter_changes": tuple((t, name, value) for t, name, value in set_values if t is not None),
-        "texts": tuple(message for _, message in messages if isinstance(message, LoggedText)),
-        "dropouts": tuple((t or 0, m.duration_ms * 1e-3) for t, m in messages if isinstance(m, Dropout)),
-    }

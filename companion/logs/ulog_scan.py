@@ -46,15 +46,13 @@ for _type, _bytes in FIRST_BYTES.items():
 _DEFINING = (Format, Subscription, Unsubscription)  # tuples: of a union isinstance() takes three times as long
 _AFTER_DEFINITIONS = (Subscription, LoggedText)
 
-ScannedMessage = tuple[int | None, Message]
-"""A message that is no data, and the latest time of all data before it, µs; None for what stands before all data."""
-
 
 class Scan:
     """Goes through a file, hands its data to the collector, and keeps what else it says."""
 
     def __init__(self, data: Bytes, collector: Collector) -> None:
-        self.other_messages: list[ScannedMessage] = []
+        # The latest time of all data before it, µs, None for what stands before all data; and what it says.
+        self.other_messages: list[tuple[int | None, Message]] = []
         self.messages = 0  # that were taken, of all types
         self.undeclared: dict[int, int] = {}  # number → data of no topic that is known
         self.unknown = 0  # messages of other types, or whose content is damaged, between two that fit
