@@ -19,10 +19,9 @@ import numpy as np
 
 from companion.links import requests
 from companion.links.requests import Request, Target
-from companion.mavlink import Messages
+from companion.mavlink import NO_VEHICLES, Messages
 from companion.model import IMU_MESSAGES
 
-_NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
 MOST_VEHICLES = 64
 """That are distinguished: a sender that makes up a new one with every heartbeat must not fill the memory."""
@@ -57,7 +56,7 @@ class Vehicles:
         who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
         for sysid, compid, autopilot, kind in np.unique(who, axis=0).tolist():
             target = Target(sysid, compid)
-            if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.known:
+            if autopilot == _NO_AUTOPILOT or kind in NO_VEHICLES or target in self.known:
                 continue
             if len(self.known) >= MOST_VEHICLES and not (target in self._imu_senders or self._chosen(target)):
                 self.limited = True

@@ -3,6 +3,7 @@
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import (
     DEFAULT_DIALECT,
+    NO_VEHICLES,
     Dialect,
     MessageLayout,
     dialect_names,

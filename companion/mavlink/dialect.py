@@ -22,6 +22,8 @@ import numpy.typing as npt
 from companion.model import SettingsError
 
 DEFAULT_DIALECT = "ardupilotmega"
+NO_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31})
+"""MAV_TYPE of components: tracker, ground station, companion, gimbal, ADS-B, camera, charging station."""
 
 _FORMAT = re.compile(r"(\d*)([a-zA-Z])")  # one field of a struct format such as "<Ih4f20s"
 _NUMPY = {

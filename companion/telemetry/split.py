@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.mavlink import Dialect, Frames, Index, Messages
+from companion.mavlink import NO_VEHICLES, Dialect, Frames, Index, Messages
 from companion.model import IMU_MESSAGES, Array, Vehicle, counted
 from companion.telemetry.clock import (
     ON_LINK,
@@ -36,8 +36,6 @@ STATE_MESSAGES = {
 _VEHICLE_MESSAGES = STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 
 _REPORTED_STEPS = 3  # of the clock, in a note each
-
-_NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +91,7 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect, notes: list
         numbers = int(alike["autopilot"][0]), int(alike["type"][0])
         autopilot = dialect.enum_names("MAV_AUTOPILOT").get(numbers[0], str(numbers[0]))
         kind = dialect.enum_names("MAV_TYPE").get(numbers[1], str(numbers[1]))
-        if kind in _NOT_VEHICLES:
+        if numbers[1] in NO_VEHICLES:
             return NonVehicle(*ids, f"its heartbeats say {kind}")
         if autopilot == "INVALID" and not states:
             return NonVehicle(*ids, f"its heartbeats ({kind}) say that it is no autopilot")

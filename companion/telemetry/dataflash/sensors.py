@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, Series, counted
-from companion.telemetry.clock import ON_BOARD, left_out, off_course
+from companion.telemetry.clock import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 from companion.telemetry.dataflash.cores import Ekf
 from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
 from companion.telemetry.samples import BoolArray
@@ -23,7 +23,6 @@ from companion.telemetry.sources import GPS_ACCURACY, RECORD_SOURCES, Fields, So
 
 _FIX_3D = 3
 _HAPPENINGS = ("PARM", "EV", "ERR", "MODE", "MSG")  # hold from then on: whatever the time, it counts
-_STALE_S = 1.0  # a sample's own time that lies further from the record's is none
 
 
 def sources(records: Mapping[str, Records], names: tuple[str, ...]) -> Iterator[tuple[int, str, Records]]:
@@ -45,7 +44,7 @@ def sample_time(one: Records, field: str) -> Array:
     wrap = 2.0**32 * unit
     age = np.mod(one.t - one[field].astype(np.float64) * unit, wrap)
     age = np.where(age > wrap / 2, age - wrap, age)
-    return np.where((np.abs(age) < _STALE_S) & (one[field] != 0), one.t - age, one.t)
+    return np.where((np.abs(age) < LONGEST_WAIT_S) & (one[field] != 0), one.t - age, one.t)
 
 
 def sound(one: Records) -> BoolArray:
