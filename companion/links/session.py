@@ -313,9 +313,8 @@ class VehicleSession:
         """Take those messages that are of this vehicle: when it has started, s, once after a reboot."""
         own: dict[str, Messages] = {}
         for name, columns in messages.items():
-            mine = (columns.sysid == self.target.sysid) & (columns.compid == self.target.compid)
-            if mine.any():
-                own[name] = columns.select(mine)
+            if len(sent := columns.sent_by(*self.target)):
+                own[name] = sent
         if "TIMESYNC" in own:
             self.timesync.receive(own["TIMESYNC"], now)
         self.sends_imu = self.sends_imu or not own.keys().isdisjoint(IMU_MESSAGES)

@@ -65,6 +65,10 @@ class Messages:
         counts = np.bincount(self.sysid.astype(np.uint16) << 8 | self.compid)
         return {(key >> 8, key & 255): int(counts[key]) for key in np.flatnonzero(counts).tolist()}
 
+    def sent_by(self, sysid: int, compid: int) -> Messages:
+        """Those of one sender."""
+        return self.select((self.sysid == sysid) & (self.compid == compid))
+
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Messages:
         """Those of a mask, an index or a slice."""
         if isinstance(index, np.ndarray) and index.dtype == np.bool_:

@@ -70,11 +70,8 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     senders = {who for who, _ in counts.most_common(MOST_SENDERS)}
     by_sender: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
-        who = one.senders()
-        for sysid, compid in senders & who.keys():
-            alone = len(who) == 1  # most logs have one sender of each type
-            its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
-            by_sender.setdefault((sysid, compid), {})[name] = its
+        for who in senders & one.senders().keys():
+            by_sender.setdefault(who, {})[name] = one.sent_by(*who)
     return by_sender
 
 

@@ -74,8 +74,7 @@ def newest_tracks(
 
 def _of_vehicle(flight: Flight, sent: Messages | None) -> Messages | None:
     """With the times that they carry; None where they carry none."""
-    vehicle = flight.vehicle
-    sent = None if sent is None else sent.select((sent.sysid == vehicle.sysid) & (sent.compid == vehicle.compid))
+    sent = None if sent is None else sent.sent_by(flight.vehicle.sysid, flight.vehicle.compid)
     t = None if sent is None else device_time(sent)
     return None if sent is None or t is None else replace(sent, sender_s=t)
 
