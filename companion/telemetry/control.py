@@ -118,27 +118,32 @@ def actuator_track(messages: Mapping[str, Messages], parameters: Mapping[str, fl
     for port in _PORTS:
         keep = increasing(outputs.t, np.isfinite(outputs.t) & (outputs["port"] == port))
         banks.append((outputs.t[keep], pulses[keep]))
-    return actuators_of(outputs.name, *side_by_side(banks), parameters)
+    return actuators_of(outputs.name, banks, parameters)
 
 
-def side_by_side(banks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _side_by_side(banks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Times (N,) s and pulses (N, K) of the first bank of outputs, with those of the others as they were then.
 
     banks: times, increasing, and pulses of outputs that go on counting; those without a sample are left out where none
     follows. A pulse is NaN where its bank said nothing for a second.
     """
     t, columns = banks[0][0], [banks[0][1]]
-    for when, pulses in banks[1:]:
-        row = np.searchsorted(when, t + _TOGETHER_S, side="right") - 1
-        shown = pulses[np.maximum(row, 0)] if len(when) else np.full((len(t), pulses.shape[1]), np.nan)
-        known = (row >= 0) & (t - when[row] < _STALE_S) if len(when) else np.zeros(len(t), np.bool_)
-        columns.append(np.where(known[:, None], shown, np.nan))
     last = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
-    return t, np.hstack(columns[: last + 1])
+    for when, pulses in banks[1 : last + 1]:
+        shown = np.full((len(t), pulses.shape[1]), np.nan)
+        if len(when):
+            row = np.searchsorted(when, t + _TOGETHER_S, side="right") - 1
+            known = (row >= 0) & (t - when[row] < _STALE_S)
+            shown[known] = pulses[row[known]]
+        columns.append(shown)
+    return t, np.hstack(columns)
 
 
-def actuators_of(source: str, t: Array, pulses: Array, parameters: Mapping[str, float]) -> ActuatorTrack | None:
-    """ArduPilot's outputs 1 to K at times t (N,) s; None where none of them is in use."""
+def actuators_of(
+    source: str, banks: Sequence[tuple[Array, Array]], parameters: Mapping[str, float]
+) -> ActuatorTrack | None:
+    """ArduPilot's outputs 1 to K, of banks as of `_side_by_side`; None where none of them is in use."""
+    t, pulses = _side_by_side(banks)
     share = share_of_range(pulses, parameters)
     keep = increasing(t, np.isfinite(t) & np.isfinite(share).any(axis=1))
     track = ActuatorTrack(t[keep], share[keep], source)
@@ -147,14 +152,12 @@ def actuators_of(source: str, t: Array, pulses: Array, parameters: Mapping[str, 
 
 def share_of_range(pulses: Array, parameters: Mapping[str, float]) -> Array:
     """ArduPilot's outputs 1 to K, µs (N, K), as a share of the range of each, 0 to 1; NaN for those not in use."""
-    limits = np.array([_limits(i, parameters) for i in range(1, pulses.shape[1] + 1)]).reshape(-1, 2)
+    outputs = range(1, pulses.shape[1] + 1)
+    limits = np.array([_limits(i, parameters) for i in outputs]).reshape(-1, 2)
     share = np.clip((pulses - limits[:, 0]) / (limits[:, 1] - limits[:, 0]), 0.0, 1.0)
     # Beyond the sixteenth there are parameters only where SERVO_32_ENABLE is set; ArduPilot logs 1000 µs without.
     absent = 0.0 if f"SERVO{_SERVOS}_FUNCTION" in parameters else None
-    functions = (
-        parameters.get(f"SERVO{i}_FUNCTION", None if i <= _SERVOS else absent) for i in range(1, pulses.shape[1] + 1)
-    )
-    unused = [function == 0 for function in functions]
+    unused = [parameters.get(f"SERVO{i}_FUNCTION", None if i <= _SERVOS else absent) == 0 for i in outputs]
     return np.where(np.isin(pulses, _NO_PULSE) | np.array(unused, np.bool_), np.nan, share)
 
 

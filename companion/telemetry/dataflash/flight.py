@@ -32,7 +32,7 @@ from companion.model import (
 )
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
-from companion.telemetry.control import actuators_of, control_of, side_by_side, truth_track
+from companion.telemetry.control import actuators_of, control_of, truth_track
 from companion.telemetry.dataflash import cores, imu, pose
 from companion.telemetry.dataflash.pose import ekf_origin, in_frame
 from companion.telemetry.dataflash.sensors import NEEDED, record_sensors, with_times
@@ -100,7 +100,7 @@ def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -
     if "RCOU" not in records:
         return None
     banks = [_bank(records.get(name), count) for name, count in _OUTPUTS.items()]
-    return actuators_of("RCOU", *side_by_side(banks), parameters)
+    return actuators_of("RCOU", banks, parameters)
 
 
 def _bank(one: Records | None, count: int) -> tuple[Array, Array]:
