@@ -3,9 +3,9 @@
 from companion.links.link import Link, open_port
 from companion.links.ports import Address, NotThereError, Port, is_link, meant_link, parse_address
 from companion.links.recordings import Recorder, play
-from companion.links.request_table import RequestState
+from companion.links.request_table import Choice, RequestState
 from companion.links.requests import ForbiddenMessageError, Request, Target, announce
 from companion.links.restoration import state_folder
-from companion.links.session import Choice, Report, Session
+from companion.links.session import Report, Session
 from companion.links.stream_manager import StreamManager
 from companion.links.vehicles import Clock

@@ -11,6 +11,7 @@ from enum import Enum
 from math import ceil, inf
 from typing import Literal
 
+from companion.links.requests import Target
 from companion.mavlink import Dialect
 from companion.model import IMU_MESSAGES
 
@@ -28,10 +29,6 @@ class Row:
     autopilots: tuple[str, ...] = ()  # that have it; (): all
     optional: bool = False  # many vehicles have no such sensor: its absence is said once, in one sentence with others
     stream: int = 0  # MAV_DATA_STREAM of ArduPilot that carries it: 1 RAW_SENSORS, 2 EXTENDED_STATUS, 6 POSITION, ...
-
-    def rate(self, rates: Mapping[str, float]) -> float:
-        """Hz."""
-        return rates[self.hz] if isinstance(self.hz, str) else self.hz
 
 
 _ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
@@ -84,13 +81,29 @@ SHARE = 0.7
 """Of a line's bytes that we may fill: others use it too."""
 
 
-def desired_from(
-    autopilot: str, *, imu_hz: float = 100.0, attitude_hz: float = 50.0, position_hz: float = 20.0
-) -> Desired:
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What a session asks for."""
+
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU on request; "all": each
+    imu_hz: float = 100.0
+    attitude_hz: float = 50.0
+    position_hz: float = 20.0
+
+    def names(self, target: Target) -> bool:
+        """Whether the user has named this vehicle."""
+        return self.vehicle in (str(target.sysid), str(target))
+
+
+def desired_from(autopilot: str, choice: Choice = Choice()) -> Desired:
     """What to ask of an autopilot (MAV_AUTOPILOT without prefix): what the analysis uses of what it may have."""
-    rates = {"imu": imu_hz, "half the imu": max(imu_hz / 2, 1.0), "attitude": attitude_hz, "position": position_hz}
+    rates = {
+        "imu": choice.imu_hz, "half the imu": max(choice.imu_hz / 2, 1.0),
+        "attitude": choice.attitude_hz, "position": choice.position_hz,
+    }  # fmt: skip
     known = autopilot if autopilot in (_ARDUPILOT, _PX4) else _OTHER
-    return {row.name: row.rate(rates) for row in TABLE if not row.autopilots or known in row.autopilots}
+    rows = (row for row in TABLE if not row.autopilots or known in row.autopilots)
+    return {row.name: rates[row.hz] if isinstance(row.hz, str) else row.hz for row in rows}
 
 
 def load(desired: Mapping[str, float], dialect: Dialect) -> float:

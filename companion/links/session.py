@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from companion.links import requests
 from companion.links.link import Link
 from companion.links.recordings import Recorder
-from companion.links.request_table import StreamRequest, desired_from, fit
+from companion.links.request_table import Choice, StreamRequest, desired_from, fit
 from companion.links.requests import Request, Target
 from companion.links.restoration import OriginalRatesFile, original_rates_path
 from companion.links.stream_manager import StreamManager
@@ -48,20 +48,6 @@ class Report:
     recording_problem: str
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """What a session asks for."""
-
-    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU on request; "all": each
-    imu_hz: float = 100.0
-    attitude_hz: float = 50.0
-    position_hz: float = 20.0
-
-    def names(self, target: Target) -> bool:
-        """Whether the user has named this vehicle."""
-        return self.vehicle in (str(target.sysid), str(target))
-
-
 class Session:
     """Call `step` again and again; then `leave`. `said` collects sentences for the user.
 
@@ -73,7 +59,7 @@ class Session:
         self,
         link: Link,
         *,
-        choice: Choice = Choice(),
+        choice: Choice | None = None,
         recorder: Recorder | None = None,
         patience_s: float = 10.0,
         remember: bool = False,
@@ -82,11 +68,11 @@ class Session:
         self.recorder = recorder
         self.requested: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
         self.reported: list[str] = []
-        self._choice = choice
+        self._choice = choice or Choice()
         self._listeners: list[Callable[[Frames, float], None]] = []
         self._patience_s = patience_s
         self._remember = remember
-        self._vehicles = Vehicles(link.dialect.enum_names("MAV_AUTOPILOT"), choice.names)
+        self._vehicles = Vehicles(link.dialect.enum_names("MAV_AUTOPILOT"), self._choice.names)
         self.vehicles: Mapping[Target, str] = self._vehicles.known  # every autopilot received, by its MAV_AUTOPILOT
         self._left: list[VehicleSession] = []  # that had requests before another had: restored at the end
         self._beat = 0.0
@@ -253,10 +239,7 @@ class Session:
         self.reported.append(f"vehicle {target} ({name}) is heard")
         rates = None
         if not self.link.listen_only:
-            choice = self._choice
-            desired = desired_from(
-                name, imu_hz=choice.imu_hz, attitude_hz=choice.attitude_hz, position_hz=choice.position_hz
-            )
+            desired = desired_from(name, self._choice)
             fitting, warning = fit(desired, self.link.dialect, self.link.address.bytes_per_second)
             if warning:
                 self.reported.append(warning)

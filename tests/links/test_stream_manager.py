@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.links import StreamManager, Target
+from companion.links import Choice, StreamManager, Target
 from companion.links.request_table import desired_from, fit, load
 from companion.links.requests import set_interval
 from companion.links.restoration import OriginalRatesFile
@@ -285,7 +285,7 @@ def test_ardupilot_keeps_ten_intervals_for_a_link(autopilot: str) -> None:
     """A further one would silently become the nearest of them; streams of a ground station take some too."""
     for imu_hz in (50.0, 100.0, 200.0, 333.0):
         for line in (None, 5760.0, 11_520.0):
-            wanted, _ = fit(desired_from(autopilot, imu_hz=imu_hz), DIALECT, line)
+            wanted, _ = fit(desired_from(autopilot, Choice(imu_hz=imu_hz)), DIALECT, line)
             assert len({int(1000 / hz) for hz in wanted.values()}) <= 8
 
 
