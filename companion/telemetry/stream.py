@@ -102,23 +102,17 @@ _TELLING = frozenset({"HEARTBEAT", *_PERSISTENT})
 class Stream:
     """What has arrived so far.
 
-    stamped: `push` is given a tlog, with a time stamp before each frame, not the plain bytes of a link.
     window_s: forget what arrived longer ago, and of a crowd hear only those who say the most; None keeps everything.
     dequantise: see `config/default.toml`.
     """
 
     def __init__(
-        self,
-        *,
-        dialect: str = DEFAULT_DIALECT,
-        stamped: bool = False,
-        window_s: float | None = None,
-        dequantise: bool = False,
+        self, *, dialect: str = DEFAULT_DIALECT, window_s: float | None = None, dequantise: bool = False
     ) -> None:
         self.dialect = load_dialect(dialect)
         self.window_s = window_s
         self._dequantise = dequantise
-        self._decoder = Decoder(self.dialect, stamped=stamped)
+        self._decoder = Decoder(self.dialect, stamped=False)
         self._busiest = BusiestSenders() if window_s is not None else None
         self._collected = Collected(self.dialect, NEEDED)
         self.newest = np.nan  # s UNIX, when the newest message arrived; NaN: none has
@@ -127,13 +121,9 @@ class Stream:
         self._firmware: dict[tuple[int, int], str] = {}  # vehicle → what it said it runs, which it may say only once
         self._origins: dict[tuple[int, int, int], Origin] = {}  # vehicle and boot → where its NED began
 
-    def push(self, chunk: bytes, received: float | None = None) -> None:
-        """Take the next bytes; received: s UNIX, for the plain bytes of a link."""
+    def push(self, chunk: bytes, received: float) -> None:
+        """Take the next bytes of a link; received: s UNIX."""
         self.add(self._decoder.push(chunk), received)
-
-    def finish(self) -> None:
-        """Take what the decoder held back: nothing more will come."""
-        self.add(self._decoder.finish())
 
     def add(self, frames: Frames, received: float | None = None) -> None:
         """Take frames that were decoded elsewhere (`Session.listen`); received: s UNIX, where they have no stamp."""

@@ -125,7 +125,6 @@ def hear(path: Path) -> None:
     stream = Stream(dialect=DEFAULT_DIALECT, window_s=60.0)
     for i in range(0, len(data), 4096):
         stream.push(data[i : i + 4096], 1.7e9 + i / 4096)
-    stream.finish()
     stream.flights()
     stream.recent(5.0)
 

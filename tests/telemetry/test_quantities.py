@@ -11,7 +11,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import companion as c
-from companion.mavlink import load_dialect, mode_name, px4_nav_state_name
+from companion.mavlink import Decoder, load_dialect, mode_name, px4_nav_state_name
 from companion.telemetry import Stream
 from tests.recordings import BUNDLED, shared
 from tests.tlogs import Writer
@@ -71,11 +71,11 @@ def test_home_is_the_last_that_was_sent(demo: c.Flight) -> None:
 
 
 def test_a_stream_gives_the_series_and_events_of_the_log(demo: c.Flight) -> None:
-    stream = Stream(stamped=True)
+    stream = Stream()
     data = DEMO.read_bytes()
-    for begin in range(0, len(data), 50_000):
-        stream.push(data[begin : begin + 50_000])
-    stream.finish()
+    pieces = (data[begin : begin + 50_000] for begin in range(0, len(data), 50_000))
+    for frames in Decoder(load_dialect(), stamped=True).decode(pieces):
+        stream.add(frames)
     (live,) = stream.flights()
     assert live.events == demo.events
     assert live.home == demo.home

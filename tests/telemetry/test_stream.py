@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from hypothesis import strategies as st
 
 import companion as c
 from companion.links import Recorder
-from companion.mavlink import load_dialect, together
-from companion.mavlink.frames import Decoder
+from companion.mavlink import Decoder, Frames, load_dialect, together
 from companion.model import Flight, NavState
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
 from companion.strapdown import DeadReckoner
@@ -48,19 +46,23 @@ def assert_same(found: object, wanted: object, where: str = "flight") -> None:
         assert found == wanted, where
 
 
-def pieces(data: bytes, sizes: Iterator[int]) -> Iterator[bytes]:
-    at = 0
-    while at < len(data):
-        size = next(sizes)
-        yield data[at : at + size]
-        at += size
+def pieces(data: bytes, sizes: Iterator[int]) -> Iterator[Frames]:
+    """The frames of a telemetry log that comes in pieces."""
+
+    def cut() -> Iterator[bytes]:
+        at = 0
+        while at < len(data):
+            size = next(sizes)
+            yield data[at : at + size]
+            at += size
+
+    return Decoder(load_dialect(), stamped=True).decode(cut())
 
 
-def streamed(data: bytes, sizes: Iterator[int], **options: Any) -> Stream:
-    stream = Stream(stamped=True, **options)
+def streamed(data: bytes, sizes: Iterator[int]) -> Stream:
+    stream = Stream()
     for piece in pieces(data, sizes):
-        stream.push(piece)
-    stream.finish()
+        stream.add(piece)
     return stream
 
 
@@ -101,12 +103,11 @@ def test_recorded_logs_too(name: str) -> None:
 
 
 def test_looking_on_the_way_changes_nothing(bad_log: Path, bad_flights: list[Flight]) -> None:
-    stream = Stream(stamped=True)
+    stream = Stream()
     for piece in pieces(bad_log.read_bytes(), random_sizes(2, 20_000)):
-        stream.push(piece)
+        stream.add(piece)
         stream.flights()
         stream.recent(2.0)
-    stream.finish()
     assert_same(stream.flights(), bad_flights)
 
 
@@ -114,12 +115,11 @@ def test_a_window_keeps_the_end_and_bounds_what_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "long.tlog"
     write_flight(SimulatedVehicle(fly(60.0), streams=STREAMS, faults=Faults(reboot=(18.0, 36.0))), path)
     whole = c.open_log(path)
-    stream = Stream(stamped=True, window_s=12.0)
+    stream = Stream(window_s=12.0)
     most = 0
     for piece in pieces(path.read_bytes(), random_sizes(3, 5000)):
-        stream.push(piece)
+        stream.add(piece)
         most = max(most, stream.messages)
-    stream.finish()
     assert most < 1.25 * 12.0 * 271
     (flight,) = stream.flights()
     assert flight.boot == 3, "boots are counted from the first, also those that are forgotten"
@@ -157,9 +157,9 @@ def test_the_origin_stays_where_the_flight_began(tmp_path: Path) -> None:
     streams = {"RAW_IMU": 50.0, "ATTITUDE": 50.0, "GLOBAL_POSITION_INT": 10.0}
     write_flight(SimulatedVehicle(fly(60.0), streams=streams), path)
     (whole,) = c.open_log(path)
-    stream = Stream(stamped=True, window_s=10.0)
+    stream = Stream(window_s=10.0)
     for piece in pieces(path.read_bytes(), random_sizes(3, 5000)):
-        stream.push(piece)
+        stream.add(piece)
         if stream.messages > 100:
             stream.recent(2.0)
     (flight,) = stream.flights()
@@ -174,9 +174,9 @@ def test_a_live_reckoning_is_that_of_the_whole_log(tmp_path: Path) -> None:
     imu = whole.imu("RAW_IMU")
     start = NavState(float(imu.t[0]), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
     expected = c.dead_reckon(imu, start)
-    stream, dead_reckoner, last = Stream(stamped=True, window_s=8.0), DeadReckoner(start), -1.0
+    stream, dead_reckoner, last = Stream(window_s=8.0), DeadReckoner(start), -1.0
     for piece in pieces(path.read_bytes(), random_sizes(4, 6000)):
-        stream.push(piece)
+        stream.add(piece)
         for flight in stream.recent(3.0):
             if "RAW_IMU" in flight.imus:
                 track = flight.imus["RAW_IMU"]

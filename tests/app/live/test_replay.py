@@ -9,6 +9,7 @@ import pytest
 
 import companion as c
 from companion.app.live import LiveReplay
+from companion.mavlink import Decoder, load_dialect
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
 from companion.telemetry import Stream
 
@@ -25,12 +26,12 @@ def streamed(path: Path, seconds: float, faults: Faults = Faults()) -> bytes:  #
 def test_what_is_shown_live_is_what_the_replay_shows(tmp_path: Path) -> None:
     data = streamed(tmp_path / "a.tlog", 25.0)
     (flight,) = c.open_log(tmp_path / "a.tlog")
-    stream = Stream(stamped=True, window_s=60.0)
+    stream, decoder = Stream(window_s=60.0), Decoder(load_dialect(), stamped=True)
     live = LiveReplay(stream, reanchor_s=5.0)
     whole = None
     compared = gone_on = 0
     for at in range(0, len(data), 1500):
-        stream.push(data[at : at + 1500])
+        stream.add(decoder.push(data[at : at + 1500]))
         now = live.look()
         if now is None or now.replay.anchors[0] == now.replay.t[-1]:
             continue
@@ -54,11 +55,11 @@ def sign(now: object, whole: c.Replay, i: int) -> float:
 
 def test_a_reboot_is_a_new_flight_in_the_same_session(tmp_path: Path) -> None:
     data = streamed(tmp_path / "a.tlog", 40.0, Faults(reboot=(20.0,)))
-    stream = Stream(stamped=True, window_s=60.0)
+    stream, decoder = Stream(window_s=60.0), Decoder(load_dialect(), stamped=True)
     live = LiveReplay(stream, reanchor_s=5.0)
     boots = []
     for at in range(0, len(data), 3000):
-        stream.push(data[at : at + 3000])
+        stream.add(decoder.push(data[at : at + 3000]))
         if now := live.look():
             boots.append(now.flight.boot)
             assert np.abs(now.replay.position_error).max() < 3.0
