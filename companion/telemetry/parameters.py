@@ -170,6 +170,12 @@ def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -
     return int(next((parameters[name] for name in names if name in parameters), otherwise))
 
 
+def px4_vehicle(parameters: Mapping[str, float], kind: str, firmware: str = "") -> Vehicle:
+    """The vehicle of an on-board log; kind: MAV_TYPE without prefix."""
+    ids = identity(parameters, "MAV_SYS_ID"), identity(parameters, "MAV_COMP_ID")
+    return Vehicle(*ids, autopilot="PX4", type=kind, firmware=firmware)
+
+
 NOT_EKF: Mapping[float, str] = {0.0: "DCM", 10.0: "the simulator, its truth", 11.0: "an external AHRS"}
 """AHRS_EKF_TYPE → by whom the vehicle flies in place of an EKF (ArduPilot `AP_AHRS/AP_AHRS.h`, EKFType)."""
 

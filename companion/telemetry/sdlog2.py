@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 
 from companion.logs import Records
-from companion.model import Event, Flight, ImuTrack, Vehicle, from_euler
+from companion.model import Event, Flight, ImuTrack, from_euler
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.clock import epoch_of
 from companion.telemetry.control import control_of
 from companion.telemetry.events import arming, in_order
 from companion.telemetry.flights import arrival
-from companion.telemetry.parameters import UNKNOWN, identity, possible, setting_names, values_of
+from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehicle, setting_names, values_of
 from companion.telemetry.quantities import Raw, raw_series, series_of
 from companion.telemetry.samples import attitude_track, attitudes, imu_track, place, position_track
 from companion.telemetry.sources import SDLOG2_SOURCES
@@ -72,18 +72,14 @@ def sdlog2_flight(read: Mapping[str, Records], vehicle_types: Mapping[int, str])
     if (one := records.get("ATSP")) is not None:
         control = control_of("ATSP", one.t, from_euler(*one.columns("RollSP", "PitchSP", "YawSP").T))
     gps = records.get("GPS")
+    kind = vehicle_types.get(identity(parameters, "MAV_TYPE", otherwise=-1), UNKNOWN)
     series = series_of(
         raw_series(row, row.name, one.t, partial(_column, one), instance=row.instance, notes=notes)
         for row in SDLOG2_SOURCES
         if (one := records.get(row.name)) is not None
     )
     return Flight(
-        vehicle=Vehicle(
-            identity(parameters, "MAV_SYS_ID"),
-            identity(parameters, "MAV_COMP_ID"),
-            autopilot="PX4",
-            type=vehicle_types.get(identity(parameters, "MAV_TYPE", otherwise=-1), UNKNOWN),
-        ),
+        vehicle=px4_vehicle(parameters, kind),
         settings=setting_names("PX4"),
         boot=1,
         start=begin,

@@ -16,7 +16,7 @@ from companion.model import Array, Event, Flight, ParameterChange, StatusText, V
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.events import changes, in_order, turns
 from companion.telemetry.flights import arrival
-from companion.telemetry.parameters import UNKNOWN, identity, possible, release, setting_names, words
+from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehicle, release, setting_names, words
 from companion.telemetry.quantities import Lazy, series_of
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES
 from companion.telemetry.ulog import estimator, pose
@@ -114,13 +114,7 @@ def _vehicle(
     kind = identity(parameters, "MAV_TYPE", otherwise=-1)
     if kind not in vehicle_types and (status := topics.get("vehicle_status")) is not None and "system_type" in status:
         kind = int(status["system_type"][-1])  # what the autopilot made of it
-    return Vehicle(
-        identity(parameters, "MAV_SYS_ID"),
-        identity(parameters, "MAV_COMP_ID"),
-        autopilot="PX4",
-        type=vehicle_types.get(kind, UNKNOWN),
-        firmware=firmware,
-    )
+    return px4_vehicle(parameters, vehicle_types.get(kind, UNKNOWN), firmware)
 
 
 def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
