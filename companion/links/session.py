@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from companion.links import requests
 from companion.links.link import Link
@@ -273,24 +273,19 @@ class Session:
             vehicle.complain(now)
 
 
+@dataclass(slots=True)
 class VehicleSession:
-    """Messages and times go in, requests and sentences come out.
+    """Messages and times go in, requests and sentences come out."""
 
-    rates: None when nothing may be requested. reported: where sentences for the user are added.
-    """
-
-    def __init__(
-        self, target: Target, rates: StreamManager | None, reported: list[str], now: float, patience_s: float
-    ) -> None:
-        self.target = target
-        self.rates = rates
-        self.timesync = Timesync()
-        self.sends_imu = False  # whether an IMU message of it has come
-        self._reboots = Reboots()  # where there are no rates, which watch this too
-        self.found_at = now  # s
-        self._patience_s = patience_s
-        self._complained = False
-        self._reported = reported
+    target: Target
+    rates: StreamManager | None  # None when nothing may be requested
+    reported: list[str]  # where sentences for the user are added
+    found_at: float  # s
+    patience_s: float  # after which it is said that no IMU message comes
+    timesync: Timesync = field(default_factory=Timesync)
+    sends_imu: bool = False  # whether an IMU message of it has come
+    complained: bool = False  # whether that none comes has been said
+    reboots: Reboots = field(default_factory=Reboots)  # where there are no rates, which watch this too
 
     def receive(self, messages: Mapping[str, Messages], now: float) -> float | None:
         """Take those messages that are of this vehicle: when it has started, s, once after a reboot."""
@@ -302,7 +297,7 @@ class VehicleSession:
             self.timesync.receive(own["TIMESYNC"], now)
         self.sends_imu = self.sends_imu or not own.keys().isdisjoint(IMU_MESSAGES)
         if self.rates is None:
-            return self._reboots.receive(own, now)
+            return self.reboots.receive(own, now)
         return self.rates.receive(own, now)
 
     def awaits(self, now: float) -> bool:
@@ -318,12 +313,12 @@ class VehicleSession:
 
     def complain(self, now: float) -> None:
         """Say, once, that no IMU message comes."""
-        if self._complained or now - self.found_at <= self._patience_s or self.sends_imu:
+        if self.complained or now - self.found_at <= self.patience_s or self.sends_imu:
             return
-        self._complained = True
+        self.complained = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
         why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
         if self.rates is not None and self.rates.signed:
             why = "it signs its messages, and obeys only requests that are signed with its key"
             how = "give the key with --signing-key-file"
-        self._reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")
+        self.reported.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")
