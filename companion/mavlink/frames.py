@@ -152,12 +152,10 @@ class Decoder:
         # What begins inside a frame of MAVLink 2 loses to it, unless that one loses to what began before it.
         places = headers.places_between(data, low, size, headers.without_overlap(good), self._stamp)
         if places is not None:
-            first = headers.find_headers_1(data, places, self.dialect)
-            good_1, bad_1, cut_1 = headers.sift(data, first, size, self.dialect)
+            good_1, bad_1, cut_1 = headers.sift_1(data, places, size, self.dialect)
         if places is None or len(good_1):
             places = headers.all_places_1(data, low, size)
-            first = headers.find_headers_1(data, places, self.dialect)
-            good_1, bad_1, cut_1 = headers.sift(data, first, size, self.dialect)
+            good_1, bad_1, cut_1 = headers.sift_1(data, places, size, self.dialect)
         others = np.concatenate((places, others))
         cut = np.concatenate((headers.cut_headers(data, low, size), cut, cut_1))
         frames = headers.without_overlap(headers.merge(good, good_1))

@@ -57,11 +57,6 @@ def find_headers_2(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[
     return _version_2(data, start, number), others
 
 
-def find_headers_1(data: Bytes, places: Index, dialect: Dialect) -> Headers:
-    """Conforming headers of MAVLink 1 at those places: known id, a length of the layout."""
-    return _version_1(data, places[_conforms_1(data, places, dialect)])
-
-
 def all_places_1(data: Bytes, low: int, size: int) -> Index:
     """Where a header of MAVLink 1 may begin in `data[low:size]`."""
     return np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
@@ -146,6 +141,11 @@ def sift(data: Bytes, headers: Headers, size: int, dialect: Dialect) -> tuple[He
     whole = headers[complete]
     right = crc_is_right(data, whole, dialect)
     return whole[right], whole[~right], headers.start[~complete]
+
+
+def sift_1(data: Bytes, places: Index, size: int, dialect: Dialect) -> tuple[Headers, Headers, Index]:
+    """The same of the conforming headers of MAVLink 1 at those places: known id, a length of the layout."""
+    return sift(data, _version_1(data, places[_conforms_1(data, places, dialect)]), size, dialect)
 
 
 def crc_is_right(data: Bytes, headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
