@@ -114,24 +114,21 @@ def dialect_names() -> tuple[str, ...]:
 
 def _layout(message: Any, x25crc: Any) -> MessageLayout:
     """One generated message class as a layout."""
-    names = list(message.ordered_fieldnames)
     fields: list[tuple[Any, ...]] = []
-    for field, (count, code) in zip(names, _FORMAT.findall(message.unpacker.format), strict=True):
+    for field, (count, code) in zip(message.ordered_fieldnames, _FORMAT.findall(message.unpacker.format), strict=True):
         if code in "sc":
             fields.append((field, f"S{count or 1}"))
         elif count:
             fields.append((field, _NUMPY[code], (int(count),)))
         else:
             fields.append((field, _NUMPY[code]))
-    dtype = np.dtype(fields)
-    ends = [offset + kind.itemsize for kind, offset in ((v[0], v[1]) for v in (dtype.fields or {}).values())]
     return MessageLayout(
         id=int(message.id),
         name=str(message.msgname),
         crc_extra=int(message.crc_extra),
-        dtype=dtype,
+        dtype=np.dtype(fields),
         units=MappingProxyType(dict(message.fieldunits_by_name)),
-        min_length=sorted(ends)[_base_fields(message, x25crc) - 1],
+        min_length=np.dtype(fields[: _base_fields(message, x25crc)]).itemsize,
     )
 
 
