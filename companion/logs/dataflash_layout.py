@@ -122,8 +122,7 @@ def _text(value: Any) -> str:
 def record_lengths(formats: Mapping[int, Declaration]) -> Index:
     """(256,) bytes of a record by type, 0 where there is no such type."""
     lengths = np.zeros(256, np.int64)
-    for number, declared in formats.items():
-        lengths[number] = declared.length
+    lengths[list(formats)] = [declared.length for declared in formats.values()]
     return lengths
 
 

@@ -214,16 +214,13 @@ def _reading(topic: Topic, field: str) -> Array | None:
 
 def _sensors(topics: Topics, selected: str, device: str, driver: str) -> Iterator[tuple[str, int, str, Topic]]:
     """The selected sensors, then drivers' topics of others: of a device that no selected topic speaks of."""
-    devices: set[int] = set()
-    any_selected = False
-    for instance, name, topic in instances(topics, selected):
-        any_selected = True
-        devices |= set(np.unique(topic.ids(device)).tolist())
-        yield selected, instance, name, topic
+    chosen = list(instances(topics, selected))
+    devices = {number for _, _, topic in chosen for number in np.unique(topic.ids(device)).tolist()}
+    yield from ((selected, *one) for one in chosen)
     for instance, name, topic in instances(topics, driver):
         own = set(np.unique(topic.ids("device_id")).tolist())
         known = 0 not in devices | own  # without ids the driver may be the selected one
-        if not any_selected or (known and not own & devices):
+        if not chosen or (known and not own & devices):
             yield driver, instance, name, topic
 
 
