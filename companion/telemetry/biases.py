@@ -7,6 +7,7 @@ are the gyro that the EKF uses minus its gyro bias (AP_AHRS_NavEKF). Each block 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -122,8 +123,7 @@ def ardupilot_biases(
         rates = turned_vectors(attitude.t, attitude.rates, turns)
         read = track.gyro[mine]
         difference = np.full((len(mine), 6), np.nan)  # of the accelerometer nothing is known
-        difference[:, :3] = read
-        difference[:, :3] -= rates[theirs]
+        difference[:, :3] = read - rates[theirs]
         if not dequantised:
             difference[:, :3] += _half_steps(read, track.gyro_step)
         biases += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
@@ -137,7 +137,7 @@ def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[Bia
     block = np.floor((t - t[0]) / _BLOCK_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(block, prepend=-1, append=block[-1] + 1))
     rows = []
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+    for first, last in pairwise(edges.tolist()):
         if last - first >= _FEWEST:
             piece = difference[first:last]
             middle = np.median(piece, axis=0)
@@ -146,11 +146,8 @@ def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[Bia
     if not rows:
         return ()
     table = np.array(rows)
-    return (
-        BiasTrack(
-            table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], table[:, 10:13], source, 0, instance
-        ),
-    )  # fmt: skip
+    gyro, accel, gyro_sigma, accel_sigma = (table[:, i : i + 3] for i in (1, 4, 7, 10))
+    return (BiasTrack(table[:, 0], gyro, accel, gyro_sigma, accel_sigma, source, 0, instance),)
 
 
 def _half_steps(readings: Array, step: float) -> Array:
