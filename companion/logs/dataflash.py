@@ -165,15 +165,13 @@ def _times(layout: RecordLayout) -> np.dtype[np.void]:
 
 def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
     """Gather the rows part by part of the file, so that no more than a part of it has to be in memory."""
-    done = dict.fromkeys(messages, 0)
     for begin in range(0, len(mapped.data), _PART_BYTES):
         end = begin + _PART_BYTES
-        for name, records in messages.items():
-            first, last = done[name], int(np.searchsorted(records.offset, end))
+        for records in messages.values():
             if records.rows.dtype.itemsize:
-                rows = dataflash_layout.gather_rows(mapped.data, records.offset[first:last], records.rows.dtype)
-                as_bytes(records.rows)[first:last] = as_bytes(rows)
-            done[name] = last
+                part = slice(*np.searchsorted(records.offset, (begin, end)).tolist())
+                rows = dataflash_layout.gather_rows(mapped.data, records.offset[part], records.rows.dtype)
+                as_bytes(records.rows)[part] = as_bytes(rows)
         mapped.release(begin, end)
 
 
