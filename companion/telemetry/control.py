@@ -144,10 +144,13 @@ def actuators_of(
 ) -> ActuatorTrack | None:
     """ArduPilot's outputs 1 to K, of banks as of `_side_by_side`; None where none of them is in use."""
     t, pulses = _side_by_side(banks)
-    share = share_of_range(pulses, parameters)
+    return outputs_of(source, t, share_of_range(pulses, parameters))
+
+
+def outputs_of(source: str, t: Array, share: Array) -> ActuatorTrack | None:
+    """Outputs (N, K) as shares of their range at times t (N,) s; None where none of them is in use."""
     keep = increasing(t, np.isfinite(t) & np.isfinite(share).any(axis=1))
-    track = ActuatorTrack(t[keep], share[keep], source)
-    return track if len(track) else None
+    return ActuatorTrack(t[keep], share[keep], source) if len(t[keep]) else None
 
 
 def share_of_range(pulses: Array, parameters: Mapping[str, float]) -> Array:

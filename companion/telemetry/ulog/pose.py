@@ -26,7 +26,7 @@ from companion.model import (
 )
 from companion.telemetry import samples
 from companion.telemetry.clock import epoch_of
-from companion.telemetry.control import control_of
+from companion.telemetry.control import control_of, outputs_of
 from companion.telemetry.samples import BoolArray, attitudes, finite_rows, increasing, ned_about
 from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
 
@@ -55,13 +55,13 @@ def actuator_track(topics: Topics) -> ActuatorTrack | None:
         topic = topics["actuator_motors"]
         output = np.clip(topic.array("control", range(12)), 0.0, 1.0)
         if np.isfinite(output).any():
-            return _track("actuator_motors", sampled(topic), output)
+            return outputs_of("actuator_motors", sampled(topic), output)
     outputs = [(name, topic, _outputs(topic)) for _, name, topic in instances(topics, "actuator_outputs")]
     outputs = [one for one in outputs if one[2].shape[1]]
     if not outputs:
         return None
     name, topic, output = max(outputs, key=lambda one: int((np.nanstd(one[2], axis=0) > 0.0).sum()))
-    return _track(name, topic.seconds(), output)
+    return outputs_of(name, topic.seconds(), output)
 
 
 def _outputs(topic: Topic) -> Array:
@@ -77,11 +77,6 @@ def _outputs(topic: Topic) -> Array:
     low, high = _PULSE
     raw[raw <= 0.0] = np.nan
     return np.asarray(np.clip((raw - low) / (high - low), 0.0, 1.0))
-
-
-def _track(source: str, t: Array, output: Array) -> ActuatorTrack | None:
-    keep = increasing(t, np.asarray(np.isfinite(output).any(axis=1)))
-    return ActuatorTrack(t[keep], output[keep], source) if len(t[keep]) else None
 
 
 def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
