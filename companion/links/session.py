@@ -40,8 +40,7 @@ class Report:
     arriving: tuple[StreamRequest, ...]  # as they stood; where several vehicles send, by their ids and names
     frames: int
     lost_by: Mapping[str, float]  # SYSID:COMPID of each with requests → share of its frames that is missing, 0 to 1
-    unsigned: int  # frames dropped because they carry no signature
-    wrongly_signed: int  # ... because theirs is not of our key, or is repeated
+    rejected: int  # frames dropped because they carry no signature, or none of our key
     clock: Clock | None  # of the first vehicle with requests
     recording: str  # file; "" for none
     recorded_bytes: int
@@ -163,8 +162,7 @@ class Session:
             arriving=arriving,
             frames=link.health.frames,
             lost_by=self.lost,
-            unsigned=link.health.unsigned,
-            wrongly_signed=link.health.wrongly_signed,
+            rejected=link.health.unsigned + link.health.wrongly_signed,
             clock=first.timesync.clock(time.monotonic(), time.time()) if first else None,
             recording=str(recorder.path) if recorder else "",
             recorded_bytes=recorder.size_bytes if recorder else 0,

@@ -108,7 +108,7 @@ class LiveFeed:
             ),
             frames=report.frames,
             lost=report.lost_by,
-            rejected=report.unsigned + report.wrongly_signed,
+            rejected=report.rejected,
             latency_ms=report.clock.latency_ms if report.clock else None,
             clock=_in_words(report.clock) if report.clock else "",
             recording=report.recording,
