@@ -108,7 +108,7 @@ def desired_from(autopilot: str, choice: Choice = Choice()) -> Desired:
 
 def load(desired: Mapping[str, float], dialect: Dialect) -> float:
     """Bytes per second of the desired messages, as MAVLink 2."""
-    return sum(hz * _size(name, dialect) for name, hz in desired.items())
+    return sum(hz * (dialect.by_name[name].max_length + _FRAME_BYTES) for name, hz in desired.items())
 
 
 def fit(
@@ -130,7 +130,7 @@ def fit(
     left, over = dict(desired), needed - SHARE * bytes_per_second
     for row in reversed(TABLE):
         if row.name in left and over > 0:
-            hz, size = left[row.name], _size(row.name, dialect)
+            hz, size = left[row.name], load({row.name: 1.0}, dialect)
             lowered = max(hz - over / size, min(row.least_hz, hz))
             left[row.name] = lowered if lowered >= 1.0 else 0.0
             over -= (hz - left[row.name]) * size
@@ -142,10 +142,6 @@ def fit(
         f"the line carries {bytes_per_second:,.0f} bytes/s and the wanted messages need {needed:,.0f}: "
         f"{_changes(desired, left)}. {advice}"
     )
-
-
-def _size(name: str, dialect: Dialect) -> int:
-    return dialect.by_name[name].max_length + _FRAME_BYTES
 
 
 def _changes(desired: Mapping[str, float], left: Mapping[str, float]) -> str:
@@ -191,7 +187,6 @@ class StreamRequest:
     requested_s: float = -inf  # s, when that was last
     state: RequestState = RequestState.FINDING
     by_stream: bool = False  # requested with REQUEST_DATA_STREAM
-    optional: bool = False  # many vehicles have no source for it
     attempts: int = 0  # of the present request
     retries: int = 0  # after it was turned down
     due: float = 0.0  # s, when to ask (again)

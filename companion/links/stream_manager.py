@@ -52,10 +52,7 @@ class StreamManager:
         reported: list[str] | None = None,
     ) -> None:
         self.target = target
-        self.stream_requests = [
-            StreamRequest(name, dialect.by_name[name].id, hz, hz, optional=name in request_table.OPTIONAL)
-            for name, hz in desired.items()
-        ]
+        self.stream_requests = [StreamRequest(name, dialect.by_name[name].id, hz, hz) for name, hz in desired.items()]
         self.lost_share = 0.0  # of the vehicle's frames, lately
         self._thin = request_table.ThinLink(dialect, scales=not ardupilot)
         self.signed = False  # whether the vehicle signs, and we have no key
@@ -241,7 +238,7 @@ class StreamManager:
             message.move(RequestState.ASKING, now)
         else:
             message.move(RequestState.GIVEN_UP, now)
-            absent = message.optional and why == request_table.REFUSES
+            absent = message.name in request_table.OPTIONAL and why == request_table.REFUSES
             self._gathered.add(message.name, request_table.ABSENT if absent else f"{{}}: {why}; given up", now)
 
     def _measure(self, message: StreamRequest, now: float) -> None:
@@ -269,7 +266,7 @@ class StreamManager:
             )
 
     def _turned_down(self, message: StreamRequest, now: float) -> None:
-        absent = message.optional and not message.received_hz
+        absent = message.name in request_table.OPTIONAL and not message.received_hz
         if absent and message.retries:
             self._gathered.add(message.name, request_table.ABSENT, now)
             message.move(RequestState.GIVEN_UP, now)
