@@ -185,16 +185,15 @@ class StreamManager:
         return requests.request_stream(self.target, stream, round(max(one.requested_hz for one in members)))
 
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
-        for name, columns in messages.items():
-            if name == "MESSAGE_INTERVAL":
+        if "COMMAND_ACK" in messages:
+            for result in results(messages["COMMAND_ACK"], requests.SET_MESSAGE_INTERVAL, self._own):
                 self._answers = True
-                numbers, intervals = columns["message_id"].tolist(), columns["interval_us"].tolist()
-                for number, interval in zip(numbers, intervals, strict=True):
-                    self._take_interval(number, interval, now)
-            elif name == "COMMAND_ACK":
-                for result in results(columns, requests.SET_MESSAGE_INTERVAL, self._own):
-                    self._answers = True
-                    self._answered(result, now)
+                self._answered(result, now)
+        if "MESSAGE_INTERVAL" in messages:
+            self._answers = True
+            answers = messages["MESSAGE_INTERVAL"]
+            for number, interval in zip(answers["message_id"].tolist(), answers["interval_us"].tolist(), strict=True):
+                self._take_interval(number, interval, now)
 
     def _take_interval(self, number: int, interval: int, now: float) -> None:
         for message in self.stream_requests:
