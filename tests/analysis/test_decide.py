@@ -156,6 +156,19 @@ def test_the_autopilot_has_a_probability_beside_the_sensors(size: float) -> None
     assert perhaps.probability == shares
 
 
+@pytest.mark.parametrize(("imu", "status"), [(0.04, "autopilot_suspect"), (0.27, "insufficient_data")])
+def test_no_side_is_accused_that_has_less_than_95_percent_of_all_shares(imu: float, status: str) -> None:
+    """An estimator that is off for certain, beside an IMU that may have been at fault since the start."""
+    off = EstimatorDeviation("tilt", 50.0, 60.0, 0.3, 0.02)
+    finding = replace(cause("tilt_off", "autopilot", 50.0, None, ""), cause=off.cause)
+    sensors = {"imu": imu, "gps": 0.0, "compass": 0.0, "barometer": 0.0, "nobody": 1.0 - imu}
+    verdict = decide(agreements(5, {"attitude": 0.9}), (finding,), None, "RAW_IMU", sensors)
+    assert verdict.status == status
+    assert any(f.severity == "error" for f in verdict.findings) == (status == "autopilot_suspect")
+    if verdict.cause is None:
+        assert verdict.summary.startswith("Cannot tell the autopilot's estimate from the IMU (73 % / 27 %): tilt_off")
+
+
 def test_where_either_may_be_wrong_both_have_their_share() -> None:
     off = EstimatorDeviation("tilt", 50.0, 60.0, 0.2, 0.02)
     sure, imu = off.or_imu
