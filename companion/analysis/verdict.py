@@ -116,9 +116,12 @@ _WHOSE = {"imu": "the IMU", "autopilot": "the autopilot's estimate", "nobody": "
 
 
 def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
-    """The verdict; where the side that it accuses has less than 95 % of all shares, that it cannot be told."""
+    """The verdict; where the estimator has less than 95 % of all shares, whose own error it is, that it cannot be told.
+
+    A sensor's fault has been weighed against its rivals before.
+    """
     cause = verdict.cause
-    if not shares or cause is None or cause.probability is None:
+    if not shares or cause is None or cause.probability is None or cause.sensor:
         return verdict
     sides = {"imu": shares["imu"], "nobody": shares["nobody"]}
     sides["autopilot"] = sum(share for device, share in shares.items() if device not in sides)
