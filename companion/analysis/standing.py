@@ -31,7 +31,7 @@ from companion.analysis.fault_interval import (
     share_at,
 )
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.findings.stuck import second_of, unchanged
+from companion.analysis.findings.stuck import still_window_s, unchanged
 from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
 from companion.estimation import (
@@ -403,7 +403,7 @@ def _reads_again(cause: Cause, flight: Flight) -> bool:
     sensors = (cause.sensor,) if cause.sensor in BIAS_UNITS else tuple(BIAS_UNITS)
     axes = ["xyz".index(cause.axis)] if cause.axis in tuple("xyz") else [0, 1, 2]
     for track in tracks:
-        newest = track.t > track.t[-1] - healthy.STUCK_S * second_of(track)
+        newest = track.t > track.t[-1] - healthy.STUCK_S * still_window_s(track)
         for sensor in sensors:
             readings = (track.gyro if sensor == "gyro" else track.accel)[newest]
             if len(readings) < 2 or unchanged(readings)[:, axes].all(axis=0).any():

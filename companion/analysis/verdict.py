@@ -131,8 +131,8 @@ def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
     two = f"{_WHOSE[own]} from {_WHOSE[other]} ({percent(sides[own])} / {percent(sides[other])})"
     errors = [f for f in verdict.findings if f.severity == "error" and f.side == own]
     first = headline_of(next(f for f in errors if stated_cause(f) == cause))
-    doubted = {f: replace(f, side="data", severity="warning", undecided=True, cause=None) for f in errors}
-    findings = by_severity(doubted.get(f, f) for f in verdict.findings)
+    doubted = (replace(f, side="data", severity="warning", undecided=True, cause=None) for f in errors)
+    findings = by_severity((*doubted, *(f for f in verdict.findings if f not in errors)))
     return Verdict("insufficient_data", f"Cannot tell {two}: {first}.", findings)
 
 
@@ -141,7 +141,7 @@ def _with_readings(probability: Mapping[str, float], cause: Cause | None) -> Map
     if not probability or cause is None or cause.side != "imu" or cause.probability is not None:
         return probability
     shares = {side: share * priors.FALSE_ALARM for side, share in probability.items()}
-    return {**shares, "imu": shares.get("imu", 0.0) + 1.0 - priors.FALSE_ALARM}
+    return {**shares, "imu": shares["imu"] + 1.0 - priors.FALSE_ALARM}
 
 
 def _decided(

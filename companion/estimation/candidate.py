@@ -107,8 +107,8 @@ def with_candidate(problem: Problem, prior: Prior, candidate: Candidate) -> tupl
 def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:
     """What is known of a size beforehand, (m,) and its 1σ: by the other IMUs too, of an error of the estimate's own."""
     times = np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1])
-    reached = grows_for(candidate.shape, *times, priors.RAMP_S)
-    b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(reached[0])) ** -2.0)
+    over = grows_for(candidate.shape, *times, priors.RAMP_S)  # s in which a likely size is reached
+    b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(over[0])) ** -2.0)
     if (one := candidate.error) is not None and candidate.imu is None and problem.others:
         gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times[:2])
         b, v = gradient[0], v + np.diagonal(information[0])

@@ -137,7 +137,7 @@ def trial(
     """
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
-    over = grows_for(shape, onset, end, flight[1], priors.RAMP_S)
+    over = grows_for(shape, onset, end, flight[1], priors.RAMP_S)  # s in which a likely size is reached
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
     known = np.linalg.eigh(v)
     large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / over)

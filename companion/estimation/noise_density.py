@@ -93,7 +93,7 @@ def white_noise(
     begin = segments(track.t, gap_s, length)
     if len(begin) < num.NOISE_MIN_SEGMENTS:
         return None
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
+    begin = _spread_evenly(begin, num.NOISE_MAX_SEGMENTS)
     values, step = (track.gyro, track.gyro_step) if sensor == "gyro" else (track.accel, track.accel_step)
     f = frequencies(length, rate)
     inside = (f >= band[0]) & (f <= band[1])
@@ -126,6 +126,11 @@ def spectral_noise(track: ImuTrack, gap_s: float) -> tuple[float, float]:
     )
 
 
+def _spread_evenly(begin: Index, most: int) -> Index:
+    """At most so many of the segments that start at `begin` (S,), spread evenly over the flight."""
+    return begin[np.linspace(0, len(begin) - 1, min(len(begin), most)).round().astype(np.int64)]
+
+
 def scatter_between_samples(readings: Array, rate_hz: float) -> float:
     """Density u/√Hz of the noisiest axis of readings (N, 3), by second differences: as if they were white."""
     return float(between_samples(readings).max() / np.sqrt(rate_hz))
@@ -151,7 +156,7 @@ def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
     begin = segments(track.t, gap_s, length)
     if len(begin) < 2 * num.NOISE_MIN_SEGMENTS or rate < 4.0 * num.NOISE_MIN_BAND_HZ:
         return logged
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
+    begin = _spread_evenly(begin, num.NOISE_MAX_SEGMENTS)
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
     clear: list[Array] = []
@@ -276,7 +281,7 @@ def _strongest_line(track: ImuTrack, readings: Array, gap_s: float) -> float:
     begin = segments(track.t, gap_s, length)
     if f[-1] - num.VEHICLE_MOTION_HZ < num.NOISE_MIN_BAND_HZ or not len(begin):
         return healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.PSD_BATCH)).round().astype(np.int64)]
+    begin = _spread_evenly(begin, num.PSD_BATCH)
     power = periodograms(readings, begin, rate, length)[:, inside]
     by_chance = (1.0 / np.arange(1, power.shape[1] + 1)).sum() * np.median(power, axis=1) / np.log(2.0)
     line = np.maximum(power.max(axis=1) - by_chance, 0.0).sum(axis=-1).mean()

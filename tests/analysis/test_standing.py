@@ -121,6 +121,15 @@ def after(seconds_: float) -> Flight:
     return replace(PIECE, start=PIECE.start + seconds_, imus=imus)
 
 
+@pytest.mark.parametrize(("later", "stands"), [(0.0, False), (9.0, True)])
+def test_no_fault_stands_again_by_a_piece_that_begins_before_it_was_over(later: float, stands: bool) -> None:
+    piece = after(later)
+    shown = alarm("gyro_bias", "imu", piece.start, None, sensor="gyro", axis="z", size=0.05, sigma=1e-3)
+    over = PIECE.start + 8.0
+    (kept,) = carried_on([StandingFault(shown.findings[0], 0.0, over, over_s=over)], piece, shown, None)
+    assert (kept.over_s is None) == stands
+
+
 def test_what_has_no_size_of_its_own_is_over_when_enough_was_judged_without_it() -> None:
     begin = PIECE.start + PIECE.duration
     standing = carried_on((), PIECE, alarm("tilt_off", "autopilot", begin - 5.0, begin), None)

@@ -34,14 +34,14 @@ class Sensor:
 
     def __init__(self, track: ImuTrack, name: str) -> None:
         self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
-        self.second = second_of(track)
+        self.window_s = still_window_s(track)
         self.readings, self.step = read_by(track, name)
         self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
         self.same = unchanged(self.readings)  # (N-1, 3)
 
 
-def second_of(track: ImuTrack) -> float:
-    """How long a track is looked at, at a time: a second; slower ones for as long as it takes to tell, s."""
+def still_window_s(track: ImuTrack) -> float:
+    """How long are the windows in which it is sought whether a track stands still, s: slow ones show few samples."""
     return max(1.0, check.STUCK_SAMPLES / track.rate_hz)
 
 
@@ -130,16 +130,17 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
     sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
     first, last = run_edges(axes.same)
     lasted = sensor.t[last + 1] - sensor.t[first]
-    stuck_s = healthy.STUCK_S * sensor.second
-    even = np.flatnonzero(lasted > healthy.FROZEN_S * sensor.second)
+    stuck_s = healthy.STUCK_S * sensor.window_s
+    even = np.flatnonzero(lasted > healthy.FROZEN_S * sensor.window_s)
     if not len(even):
         return
     change = sensor.change[:, axes.axes].max(axis=1)
     elsewhere = beside(len(change), first[even], last[even])
-    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz * sensor.second)
+    samples = sensor.rate_hz * sensor.window_s
+    restless = never_repeats(axes.same[elsewhere], samples)
     if restless and sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
-        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], sensor.rate_hz * sensor.second)
-    quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz * sensor.second)
+        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], samples)
+    quietest = 0.0 if sensor.step else _quietest(change[elsewhere], samples)
     usual = np.median(axes.beside, axis=0)
     spreads = _beside_others(axes, others) if sensor.step and (lasted > stuck_s).any() else []
     for i in even:
@@ -147,7 +148,7 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
         if gaps[stretch].any():
             continue
         goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE  # else it is the whole sensor, or all
-        if goes_on and any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
+        if goes_on and any(_never_so_still(windows, sensor.t[first[i]], sensor.t[last[i] + 1]) for windows in spreads):
             yield stretch.start, stretch.stop - 1
             continue
         if axes.beside_same[stretch].mean(axis=0).max() > check.BESIDE:
@@ -220,7 +221,7 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seconds:
+class _Windows:
     """Whole or half seconds, longer for slow readings, and how far an axis of two IMUs moves in each of them."""
 
     length: float  # s
@@ -229,50 +230,52 @@ class _Seconds:
     other: Array  # (S,) in steps of both
 
 
-def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
+def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Windows]:
     """Some axes beside the same ones of every other IMU.
 
-    Only seconds in which one of the other's moves by more than a step of each: what moves less can be read as one whole
+    Only windows in which one of the other's moves by more than a step of each: what moves less can be read as one whole
     step, or none, for as long as it lies in the middle of one. And by means over a while: its noise is none of this
     one's.
     """
     sensor, chosen = axes.sensor, list(axes.axes)
     out = []
     for track, part in itertools.product(others, (1.0, healthy.FROZEN_S)):  # of a second: a slow turn takes it whole
-        second = part * max(sensor.second, second_of(track))
-        start, own = _spread_by_second(sensor.t, sensor.readings[:, chosen], second)
+        window = part * max(sensor.window_s, still_window_s(track))
+        start, own = _spread_by_window(sensor.t, sensor.readings[:, chosen], window)
         readings, step = read_by(track, sensor.name)
-        span = check.MOTION_MEAN_S * second * track.rate_hz / len(track)
+        span = check.MOTION_MEAN_S * window * track.rate_hz / len(track)
         means = np.column_stack([evened(readings[:, axis], span) for axis in chosen])
-        when, other = _spread_by_second(track.t[len(track) - len(means) :], means, second)
+        when, other = _spread_by_window(track.t[len(track) - len(means) :], means, window)
         steps = other / (sensor.step + step)
         moved = steps > check.STEP_ROUNDING
         both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
-        out.append(_Seconds(second, second * both.astype(np.float64), own[i], steps[moved][j]))
+        out.append(_Windows(window, window * both.astype(np.float64), own[i], steps[moved][j]))
     return out
 
 
-def _spread_by_second(t: Array, readings: Array, second: float) -> tuple[IntArray, Array]:
-    """The seconds (S,) in which there are readings (n, m), and how far the liveliest of these goes in each (S,)."""
-    seconds, first = np.unique(np.floor(t / second).astype(np.intp), return_index=True)
+def _spread_by_window(t: Array, readings: Array, window: float) -> tuple[IntArray, Array]:
+    """The windows (S,) in which there are readings (n, m), and how far the liveliest of these goes in each (S,)."""
+    windows, first = np.unique(np.floor(t / window).astype(np.intp), return_index=True)
     spread = np.maximum.reduceat(readings, first, axis=0) - np.minimum.reduceat(readings, first, axis=0)
-    return seconds, spread.max(axis=1)
+    return windows, spread.max(axis=1)
 
 
-def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
-    """Whether an axis does not read the same from begin to end (s) by chance, of a flight of so many such times.
+def _never_so_still(windows: _Windows, begin: float, end: float) -> bool:
+    """Whether an axis does not read the same from begin to end (s) by chance, of a flight of so many windows.
 
     The odds of each are told by the others in which another IMU moves along the axis as it does, or half as far:
     at rest, and where a vehicle turns about other axes alone, this one stands still in most of them. By Laplace's rule
     of succession, where what moves by m steps counts as m more in which it did not stand still.
     """
-    during = (seconds.start >= begin) & (seconds.start + seconds.length <= end)
-    left, still = seconds.other[~during], seconds.own[~during] == 0
-    log_p = 0.0
-    for steps in seconds.other[during].tolist():
-        alike = (left <= steps) & (left >= 0.5 * steps)
-        log_p += float(np.log((1.0 + (alike & still).sum()) / (2.0 + alike.sum() + steps)))
-    return bool(during.any() and np.log(len(seconds.start)) + log_p < np.log(priors.FALSE_ALARM))
+    during = (windows.start >= begin) & (windows.start + windows.length <= end)
+    if not during.any():
+        return False
+    steps, order = windows.other[during], np.argsort(windows.other[~during])
+    others, still = windows.other[~during][order], windows.own[~during][order] == 0
+    first, last = np.searchsorted(others, 0.5 * steps), np.searchsorted(others, steps, side="right")
+    stood = np.concatenate([[0], np.cumsum(still)])
+    log_p = np.log((1.0 + stood[last] - stood[first]) / (2.0 + last - first + steps)).sum()
+    return bool(np.log(len(windows.start)) + log_p < np.log(priors.FALSE_ALARM))
 
 
 _AIDING = ("compass", "gps")  # that tell a turn, each with gravity
@@ -369,7 +372,7 @@ def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> It
             continue
         sensor, missed = Sensor(track, name), moved - read
         for axis in range(3):
-            for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.second):
+            for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.window_s):
                 begin, end = float(track.t[first]), float(track.t[last])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end) & judged[:-1] & judged[1:]
                 few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
