@@ -306,7 +306,9 @@ def _as_seen(
         size = now[0] - before[0]
         if cause.end_s is None or fault is None or fault.size is None:
             return replace(known, before=before, size=size)
-        return replace(known, before=before, size=fault.size, probability=_stays(fault.size, before, now, cause))
+        return replace(
+            known, before=before, size=fault.size, probability=_doubted(fault, _stays(fault.size, before, now, cause))
+        )
     if _reads_again(cause, flight):
         return replace(known, probability=0.0)
     if cause.kind in _OUTAGES:
@@ -327,9 +329,7 @@ def _weighed(
     elif cause.kind in _OUTAGES:
         sure = 0.0 if _comes_again(cause, flight, end) else sure
     elif judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
-        sure = _by_its_onset(best, cause)
-        if fault.probability == 1.0:  # it was found by itself in the piece before, which shares most of this one
-            sure = max(sure, num.DOUBTED_ONCE)
+        sure = _doubted(fault, _by_its_onset(best, cause))
     elif measured:
         return _measured(fault, reads(cause, flight, best))
     elif cause.sensor in AIDING and cause.end_s is None:
@@ -337,6 +337,11 @@ def _weighed(
     elif judged:
         sure = _unseen(end - fault.seen_s)
     return fault if sure == fault.probability else replace(fault, probability=sure)
+
+
+def _doubted(fault: StandingFault, sure: float) -> float:
+    """The probability by a piece; not small at once where the piece before, which shares most of it, had found it."""
+    return max(sure, num.DOUBTED_ONCE) if fault.probability == 1.0 else sure
 
 
 def _measured(fault: StandingFault, now: Reading | None) -> StandingFault:

@@ -69,6 +69,14 @@ def test_an_alarm_ends_when_the_fault_is_seen_to_end_and_not_by_another_alarm() 
     assert sum(a != b for a, b in pairwise(status)) == 2, "on, and off"
 
 
+def test_two_pieces_have_to_see_the_end() -> None:
+    """A turn that ends looks so, where what is wrong is the scale."""
+    pieces = (*PIECES[:2], (28.0, 70.0), (30.0, 72.0))
+    verdicts = [said for _, said in heard(misread(62.0, gyro=[0.0, 0.0, 0.015]), pieces)]
+    assert [one.status for one in verdicts] == ["consistent", "imu_suspect", "imu_suspect", "consistent"]
+    assert "still there: 50 %" in verdicts[2].summary
+
+
 @pytest.mark.parametrize("scale", [0.05, 0.0])
 def test_a_scale_stays_though_a_piece_takes_it_for_a_bias(scale: float) -> None:
     """A vehicle that turns the same way all the time shows only what both come to."""
