@@ -25,6 +25,7 @@ from companion.analysis.fault_interval import (
     imu_at,
     is_sized,
     likelihoods,
+    of_one_kind,
     own_odds,
     percent,
     probability_by_imu,
@@ -38,7 +39,6 @@ from companion.constants import check, harm, num, priors
 from companion.estimation import (
     HEIGHTS,
     BestEstimate,
-    Explained,
     harmful,
     hypothesis_of,
     probabilities,
@@ -195,22 +195,25 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
     By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
     constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
     """
-    in_time = sorted(best.explained, key=lambda one: one.onset)
-    since_start = [one for one in fault_intervals(best) if _is_from_start(one, best)]
-    parts = [_fault_shares(one, since_start, best) for one in in_time if one.rivals and one.onset < until]
+    intervals = fault_intervals(best)
+    told = {(part.kind, part.imu, part.onset) for one in intervals for part in one.parts}
+    small = (one for one in of_one_kind(best).explained if (one.kind, one.imu, one.onset) not in told)
+    parts = [(one.start, _fault_shares(one, best)) for one in intervals if one.rivals]
+    parts += [(one.onset, probabilities(one.rivals)) for one in small if one.rivals]
     first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
-    for shares in (*parts, probabilities(best.further)):
+    in_time = (shares for begin, shares in sorted(parts, key=lambda one: one[0]) if begin < until)
+    for shares in (*in_time, probabilities(best.further)):
         for side, share in shares.items():
             first[side] += none * share
         none *= shares["nobody"]
     return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
 
 
-def _fault_shares(one: Explained, since_start: Sequence[FaultInterval], best: BestEstimate) -> dict[str, float]:
-    """Side → probability that what was explained is a harmful fault of it, and no usual calibration since the start."""
-    shares, device = probabilities(one.rivals), hypothesis_of(one.kind).device
-    same = (each for each in since_start if each.kind == one.kind and abs(each.start - one.onset) < check.NEAR_S)
-    if not (sure := next((_since_start(each, best) for each in same), 0.0)):
+def _fault_shares(one: FaultInterval, best: BestEstimate) -> dict[str, float]:
+    """Side → probability that what was off is a harmful fault of it, and no usual calibration since the start."""
+    shares, device = likelihoods(one), one.device
+    sure = _since_start(one, best) if _is_from_start(one, best) else 0.0
+    if not sure:
         return shares
     return shares | {device: shares[device] * sure, "nobody": shares["nobody"] + shares[device] * (1.0 - sure)}
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from companion.analysis.finding import Cause, Side, runs
 from companion.analysis.reference import length
-from companion.constants import harm, num, priors
+from companion.constants import check, harm, num, priors
 from companion.estimation import (
     HYPOTHESES,
     SLOPED,
@@ -53,6 +53,7 @@ class FaultInterval:
     rivals: tuple[Rival, ...]  # every hypothesis in its place, itself among them, the likeliest first
     slow: bool = False  # whether it grows, and is not there at once
     imu: int | None = None  # the IMU whose it is, where that is not the estimate's
+    parts: tuple[Explained, ...] = field(default=(), repr=False)  # what was explained of it
 
     @property
     def magnitude(self) -> float:
@@ -112,13 +113,42 @@ class EstimatorDeviation:
 
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
-    intervals: list[FaultInterval] = []
+    best, intervals = of_one_kind(best), list[FaultInterval]()
     for kind in HYPOTHESES:
         of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         for imu in dict.fromkeys(e.imu for e in of_kind):
             parts = [e for e in of_kind if e.imu == imu]
             intervals += _intervals_of(parts, kind.device, kind.min_reported, best)
     return tuple(sorted(intervals, key=lambda e: e.start))
+
+
+_ALIKE = {"accel_bias": ("accel_bias", "accel_scale")}
+"""Kind → what may stand in the place of a part of it, and leaves as much in all."""
+
+
+def of_one_kind(best: BestEstimate) -> BestEstimate:
+    """The same where a scale of the accelerometer that begins with a bias of it is one more bias.
+
+    Gravity is always there: in level flight either explains the other, and half a fault each may be harmless.
+    """
+    biases = [part for part in best.explained if part.kind == "accel_bias"]
+    units, out = np.ones(len(best.explained_covariance)), list[Explained]()
+    for part in best.explained:
+        if part.kind != "accel_scale" or not any(_begin_together(part, bias) for bias in biases):
+            out.append(part)
+            continue
+        force = best.imu.accel[(best.imu.t >= part.onset) & (best.imu.t <= part.end)].mean(axis=0)
+        if part.place is not None:
+            units[part.place] = force
+        out.append(replace(part, kind="accel_bias", size=part.size * force, sigma=part.sigma * np.abs(force)))
+    covariance = best.explained_covariance * np.outer(units, units)
+    return replace(best, explained=tuple(out), explained_covariance=covariance)
+
+
+def _begin_together(one: Explained, other: Explained) -> bool:
+    """Whether what is wrong with one IMU begins at the same time."""
+    apart = check.NEAR_S + num.SIGMAS * float(np.hypot(one.onset_sigma, other.onset_sigma))
+    return one.imu == other.imu and abs(one.onset - other.onset) <= apart
 
 
 def _intervals_of(parts: list[Explained], device: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
@@ -134,6 +164,7 @@ def _intervals_of(parts: list[Explained], device: str, least: float, best: BestE
         peak = first + int(np.argmax(size[here] - num.SIGMAS * sigma[here]))  # where it surely is largest
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
+        during = [p for p in parts if p.onset <= grid[final] and p.end >= grid[first]]
         yield FaultInterval(
             cause.kind,
             device,
@@ -142,11 +173,10 @@ def _intervals_of(parts: list[Explained], device: str, least: float, best: BestE
             _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, device, best),
             level[peak],
             float(sigma[peak]),
-            _rivals(
-                [p for p in parts if p.onset <= grid[final] and p.end >= grid[first]], level[peak], sigma[peak], best
-            ),
+            _rivals(during, level[peak], sigma[peak], best),
             cause.shape in SLOPED,
             cause.imu,
+            tuple(during),
         )
 
 
@@ -169,8 +199,9 @@ def _rivals(parts: list[Explained], size: Array, sigma: float, best: BestEstimat
         return likeliest.rivals
     flight = float(best.t[0]), float(best.t[-1])
     fault = fault_of_size(likeliest.kind, size, float(sigma), flight, likeliest.imu)
+    alike = _ALIKE.get(likeliest.kind, (likeliest.kind,))
     return tuple(
-        replace(one, fault=max(one.fault, fault)) if (one.kind, one.imu) == (likeliest.kind, likeliest.imu) else one
+        replace(one, fault=max(one.fault, fault)) if one.imu == likeliest.imu and one.kind in alike else one
         for one in likeliest.rivals
     )
 

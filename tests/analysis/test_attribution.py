@@ -472,6 +472,21 @@ def test_several_parts_of_one_error_are_a_fault_by_what_they_sum_to(
     assert (interval.rivals[0].fault > 0.95) is sure
 
 
+@pytest.mark.parametrize(("later", "sure"), [(0.0, True), (20.0, False)])
+def test_a_scale_that_begins_with_a_bias_of_one_accelerometer_adds_to_it(
+    best: BestEstimate, later: float, *, sure: bool
+) -> None:
+    """In level flight 1 % and 0.1 m/s² are much the same, and the halves of a fault harm nobody."""
+    harmless = [Rival(kind, "step", 50.0, 0.0) for kind in ("accel_bias", "accel_scale")]
+    bias = accepted("accel_bias", 0.0, 0.0, -0.15, sigma=0.01)
+    scale = accepted("accel_scale", 0.0, 0.0, 0.015, sigma=0.001, onset=ONSET + later)
+    halves = tuple(replace(one, rivals=tuple(harmless)) for one in (bias, scale))
+    off = replace(best, explained=halves, explained_covariance=np.zeros((0, 0)), further=())
+    (interval, *_) = fault_intervals(off)
+    assert interval.size[2] == pytest.approx(-0.15 - 0.15 * sure, abs=0.01)
+    assert (fault_probability(off)["imu"] > 0.95) is sure
+
+
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
     found = estimator_deviations(headed(flight, 40.0), faulty, Limits())
