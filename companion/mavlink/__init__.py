@@ -1,6 +1,5 @@
 """MAVLink itself, bytes to messages and back: the only part that imports pymavlink. Knows no link and no physics."""
 
-from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import (
     DEFAULT_DIALECT,
     NO_VEHICLES,
@@ -13,5 +12,5 @@ from companion.mavlink.dialect import (
 )
 from companion.mavlink.encode import Packer, Value, Verifier, is_signed, load_key
 from companion.mavlink.frames import Damage, Decoder, Frames
-from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
+from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, Bytes, Index, first_come, gather
 from companion.mavlink.messages import Collected, Messages, as_bytes, log_time, split_messages, together

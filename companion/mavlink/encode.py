@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import crc_of
 from companion.mavlink.dialect import DEFAULT_DIALECT, MessageLayout, load_dialect
 from companion.mavlink.frames import Frames
-from companion.mavlink.headers import HEADER_2, SIGNATURE_BYTES, SIGNED
+from companion.mavlink.headers import HEADER_2, SIGNATURE_BYTES, SIGNED, crc_of
 from companion.model import InputError
 
 Value = int | float | bytes

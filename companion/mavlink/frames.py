@@ -24,9 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import headers
-from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect
-from companion.mavlink.headers import Headers
+from companion.mavlink.headers import Bytes, Headers, Index, gather
 
 STAMP_BYTES = 8  # a tlog has big-endian µs since 1970 before each frame
 NO_STAMP = np.iinfo(np.uint64).max

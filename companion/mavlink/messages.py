@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect, MessageLayout
 from companion.mavlink.frames import Frames
+from companion.mavlink.headers import Bytes, Index, gather
 
 LATEST_STAMP = 1 << 52  # µs: the year 2112. A larger stamp is damage
 _BLOCK_BYTES = 1 << 20

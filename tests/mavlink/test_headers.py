@@ -9,8 +9,7 @@ import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
 from companion.mavlink import Damage, Decoder, Frames, load_dialect
-from companion.mavlink.crc import crc_of
-from companion.mavlink.headers import CHAIN_BYTES, chain_of
+from companion.mavlink.headers import CHAIN_BYTES, chain_of, crc_of
 from tests.links.link import link_frames, unknown_frame
 
 DIALECT = load_dialect()
