@@ -17,8 +17,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.logs.dataflash import DataflashLog, Records
-from companion.logs.dataflash_layout import NO_ROWS, NO_UNITS, Declaration, RecordLayout, defined_units, record_layout
+from companion.logs.dataflash import (
+    NO_ROWS,
+    NO_UNITS,
+    DataflashLog,
+    Declaration,
+    RecordLayout,
+    Records,
+    defined_units,
+    record_layout,
+)
 from companion.logs.logfile import MOST_BYTES, Contents
 from companion.model import InputError
 
