@@ -9,9 +9,8 @@ from typing import Self
 
 import numpy as np
 
-from companion.links.ports import Address, Port, parse_address
 from companion.links.requests import ANNOUNCEMENT, ForbiddenMessageError, Request
-from companion.links.transports import SerialPort, TcpPort, UdpPort
+from companion.links.transports import Address, Port, SerialPort, TcpPort, UdpPort, parse_address
 from companion.mavlink import (
     DEFAULT_DIALECT,
     HEADER_1,

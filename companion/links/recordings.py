@@ -21,7 +21,7 @@ from typing import Self
 
 import numpy as np
 
-from companion.links.ports import Port
+from companion.links.transports import Port
 from companion.logs import Contents
 from companion.mavlink import Decoder, Dialect, Frames, log_time
 from companion.model import InputError, counted
