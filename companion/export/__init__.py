@@ -7,13 +7,23 @@ from collections.abc import Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 
-from companion.export.annotations import write_annotations
-from companion.export.files import write_csv, write_json, write_parquet
-from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
 from companion.export.paths import write_estimate_tum, write_kml, write_tum
-from companion.export.table import Column, Contents, Format, Table, harmless, listed, series_name, thinned
+from companion.export.table import (
+    Column,
+    Contents,
+    Format,
+    Table,
+    harmless,
+    listed,
+    series_name,
+    thinned,
+    write_csv,
+    write_json,
+    write_parquet,
+)
 from companion.export.tracks import assessed_replay, tables
+from companion.export.yaml import kalibr_text, write_annotations
 
 reckoning_of = assessed_replay  # deprecated: its old name
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from companion.analysis import Assessment, Replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.channels import (
+from companion.export.mcap import (
     FLU_IN_FRD,
     NED_IN_ENU,
     Channel,

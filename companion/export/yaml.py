@@ -1,9 +1,13 @@
-"""The findings as annotations of PX4's Flight Review: YAML, one interval a finding, on its boot clock.
+"""YAML for other tools: the findings as annotations of PX4's Flight Review, an IMU's noise as Kalibr's imu.yaml.
 
+Annotations: one interval a finding, on Flight Review's boot clock.
 The format is version 1 of docs/annotations.md in PX4/flight_review (app/plot_app/annotations.py): sources with
 categories, each of which names a plot and has intervals. Flight Review has no field for the severity: it stands before
 the text, and the worst of a category is its colour. Texts above its limits are cut here, between words, and of too many
 findings the least serious are left out.
+
+imu.yaml: github.com/ethz-asl/kalibr, wiki "Yaml formats" and "IMU Noise Model".
+
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from companion.analysis import Finding, Verdict, by_severity
+from companion.analysis import Finding, ImuNoise, Verdict, by_severity, noise_model
 from companion.export.table import Format
 from companion.model import words
 
@@ -101,3 +105,20 @@ FORMATS = (
         lambda path, c: write_annotations(path, c.assessment.verdict),
     ),
 )
+
+
+def kalibr_text(noise: ImuNoise, origin: str) -> str:
+    """The text of imu.yaml. Kalibr's densities are those of `strapdown`: a sample at rate r has the deviation N √r."""
+    gyro, accel = noise_model(noise)
+    lines = [f"# IMU noise of {noise.imu} from {origin}".replace("\n", " ")]
+    for title, name, sensor, unit in (
+        ("Accelerometers", "accelerometer", accel, "m/s^2"),
+        ("Gyroscopes", "gyroscope", gyro, "rad/s"),
+    ):
+        lines += [
+            f"# {title}",
+            f"{name}_noise_density: {sensor.white.value:.4e}  # {unit}/sqrt(Hz): {sensor.white.source}",
+            f"{name}_random_walk: {sensor.walk.value:.4e}  # {unit}/sqrt(s): {sensor.walk.source}",
+        ]
+    lines += ["rostopic: /imu0  # the topic of your bag", f"update_rate: {noise.rate_hz:.1f}  # Hz"]
+    return "\n".join(lines) + "\n"
