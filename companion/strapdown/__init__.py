@@ -1,7 +1,6 @@
 """Strapdown integration: IMU tracks in, trajectories out. Arrays throughout; imports tracks and NumPy alone."""
 
 from companion.strapdown import motions, quaternion
-from companion.strapdown._signal import MIDDLES
 from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, propagate, skew
 from companion.strapdown.dead_reckon import (
     SAME_TIME,
@@ -13,5 +12,5 @@ from companion.strapdown.dead_reckon import (
     sample_at,
 )
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, simulate
-from companion.strapdown.increments import METHODS, Increments, dense_attitude, increments
+from companion.strapdown.increments import METHODS, MIDDLES, Increments, dense_attitude, increments
 from companion.strapdown.motions import Motion
