@@ -22,7 +22,7 @@ import pytest
 
 from companion.app.settings import Settings
 from companion.cli import main
-from companion.fleet import TIMEOUT_S, FleetRun, FoundLog, cluster, run_fleet
+from companion.fleet import TIMEOUT_S, FleetRun, FoundLog, run, run_fleet
 from companion.fleet.journal import LogRecord, Plan, version_of
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.run import write_results
@@ -163,7 +163,7 @@ def test_logs_that_no_worker_finishes_are_rows_and_tried_again(
     copies(tmp_path / "logs", 3)
     command = ["fleet", str(tmp_path / "logs"), "-o", str(tmp_path / "out"), "--scheduler", scheduler]
     with monkeypatch.context() as patient:
-        patient.setattr(cluster, "_SPARE_S", -2 * TIMEOUT_S)  # nobody is waited for
+        patient.setattr(run, "_SPARE_S", -2 * TIMEOUT_S)  # nobody is waited for
         assert main(command) == 0
     assert all("no worker has finished any log" in row["error"] for row in table(tmp_path / "out"))
     assert main(command) == 0
@@ -174,13 +174,13 @@ def test_logs_that_no_worker_finishes_are_rows_and_tried_again(
 def test_a_scheduler_that_does_not_answer_is_one_sentence_and_loses_nothing(
     error: BaseException, scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    waited = cluster._patiently
+    waited = run._patiently
 
     def one(*how: Any) -> Iterator[Any]:
         yield next(waited(*how))
         raise error
 
-    monkeypatch.setattr(cluster, "_patiently", one)
+    monkeypatch.setattr(run, "_patiently", one)
     copies(tmp_path / "logs", 3)
     said = refused([str(tmp_path / "logs"), "-o", str(tmp_path / "out"), "--scheduler", scheduler], capsys)
     assert f"the scheduler does not answer ({error!s}" in said
@@ -286,7 +286,7 @@ def test_a_missing_library_gets_the_line_that_installs_it(
 
 
 def test_nobody_at_the_address(logs: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(run, "_CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense://127.0.0.1:9", "127.0.0.1:notaport"):
         said = refused([str(logs), "-o", str(tmp_path), "--scheduler", address], capsys)
         assert f"no Dask scheduler at {address}" in said
