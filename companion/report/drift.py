@@ -27,7 +27,7 @@ from companion.present import (
 from companion.report import traces
 from companion.report.html_page import laid_out
 from companion.report.subject import Subject
-from companion.report.track_and_altitude import ground_track, paths_of, regained
+from companion.report.traces import ground_track, paths_of, regained
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {

@@ -16,7 +16,9 @@ import msgspec
 import numpy as np
 
 from companion.present import details, text
-from companion.report.traces import Figure
+
+Figure = dict[str, Any]
+"""As plotly has it: `data` and `layout`."""
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
