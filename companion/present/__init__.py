@@ -13,12 +13,17 @@ from companion.present.checks import (
 from companion.present.findings import (
     MOST_LINES,
     FindingGroup,
+    cause_lines,
+    facts,
     flight_lines,
     grouped,
+    heading,
     headline,
+    incident_markdown,
     lasting,
     ranked,
     span,
+    timeline,
     wrong,
 )
 from companion.present.formats import (
@@ -40,7 +45,6 @@ from companion.present.formats import (
     vehicle_words,
     with_unit,
 )
-from companion.present.incident import cause_lines, facts, heading, incident_markdown, timeline
 from companion.present.markup import details, html_table, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 from companion.present.tables import (
