@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from companion.telemetry.quantities import LazyTuple
+from companion.telemetry.sources import LazyTuple
 
 try:
     import fcntl

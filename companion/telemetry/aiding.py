@@ -34,9 +34,8 @@ from companion.model import (
     rows,
 )
 from companion.telemetry.convert import UNTURNED, Turns, turned_vectors
-from companion.telemetry.quantities import SIGMAS, Lazy, LazyTuple, pressure_altitude
 from companion.telemetry.samples import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
-from companion.telemetry.sources import ANGLES_OF_FLOW, COLUMNS
+from companion.telemetry.sources import ANGLES_OF_FLOW, COLUMNS, SIGMAS, Lazy, LazyTuple, pressure_altitude
 
 _POSITION = 0b11000  # horizontal position, relative or absolute
 

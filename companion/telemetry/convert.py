@@ -38,8 +38,16 @@ from companion.model import (
 )
 from companion.telemetry import samples
 from companion.telemetry.parameters import known_ranges, out_of_range, possible, with_facts
-from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
-from companion.telemetry.sources import MESSAGE_SOURCES, SI, VIBRATION_PX4, Source
+from companion.telemetry.sources import (
+    MESSAGE_SOURCES,
+    SI,
+    VIBRATION_PX4,
+    Raw,
+    RawSeries,
+    Source,
+    raw_series,
+    series_of,
+)
 
 SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
 """Messages that become series."""

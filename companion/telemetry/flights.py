@@ -36,7 +36,7 @@ from companion.telemetry.clock import Clock, boot_seconds, device_time, system_e
 from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuator_track, control_track, message_truth
 from companion.telemetry.convert import SENSOR_MESSAGES, message_lanes, message_sensors
 from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
-from companion.telemetry.quantities import Lazy, LazyTuple
+from companion.telemetry.sources import Lazy, LazyTuple
 from companion.telemetry.split import STATE_MESSAGES, Boot, NonVehicle, Sender, boots, describe, senders
 
 _ECHO_S = 2.0  # two identical frames within this time are one packet received twice

@@ -19,9 +19,8 @@ from companion.telemetry.control import control_of
 from companion.telemetry.events import arming, in_order
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehicle, setting_names, values_of
-from companion.telemetry.quantities import Raw, raw_series, series_of
 from companion.telemetry.samples import attitude_track, attitudes, imu_track, place, position_track
-from companion.telemetry.sources import SDLOG2_SOURCES
+from companion.telemetry.sources import SDLOG2_SOURCES, Raw, raw_series, series_of
 
 _CLOCK = "TIME"
 _IMUS = ("IMU", "IMU1", "IMU2")

@@ -33,9 +33,9 @@ from companion.model import (
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.control import actuators_of, control_of, truth_track
-from companion.telemetry.dataflash import cores, imu, pose
+from companion.telemetry.dataflash import cores, pose
 from companion.telemetry.dataflash.pose import ekf_origin, in_frame
-from companion.telemetry.dataflash.sensors import NEEDED, record_sensors, with_times
+from companion.telemetry.dataflash.sensors import IMU_NUMBERS, NEEDED, imu_tracks, record_sensors, with_times
 from companion.telemetry.events import dataflash_events, parameter_changes
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import (
@@ -119,7 +119,7 @@ _INFO = 6  # MAV_SEVERITY: MSG does not say
 _MOST_LISTED = 8  # kinds of record, where no flight is made of them
 
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
-    **imu.NUMBERS,
+    **IMU_NUMBERS,
     **cores.NUMBERS,
     **pose.NUMBERS,
     **_TRUTH,
@@ -216,7 +216,7 @@ def _without_tracks(ekf: cores.Ekf, times: Mapping[str, Array], dialect: Dialect
 def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, core: int, notes: list[str]) -> Flight:
     """The IMUs, and all that lives in their frame: where only ATT tells the attitude, theirs becomes that of ATT."""
     series = record_sensors(ekf, core, notes)
-    imus = imu.imu_tracks(records, flight.vehicle, flight.parameters, notes)
+    imus = imu_tracks(records, flight.vehicle, flight.parameters, notes)
     biases = cores.bias_tracks(ekf)
     sampled = pose.attitude(ekf, core)
     in_imu_frame, turns = sampled is not None and sampled[2] != "ATT", convert.UNTURNED

@@ -17,9 +17,18 @@ from companion.logs import Ulog, UlogTopic
 from companion.model import Array, Series, counted
 from companion.telemetry.clock import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 from companion.telemetry.parameters import words
-from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
 from companion.telemetry.samples import commonest
-from companion.telemetry.sources import DRIVER_SOURCES, SI, TOPIC_SOURCES, Source, covariances
+from companion.telemetry.sources import (
+    DRIVER_SOURCES,
+    SI,
+    TOPIC_SOURCES,
+    Raw,
+    RawSeries,
+    Source,
+    covariances,
+    raw_series,
+    series_of,
+)
 
 Topic = UlogTopic
 
