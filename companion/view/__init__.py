@@ -3,7 +3,6 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from companion.view.state.choice import Offer, ReplayChoice, chosen_track, first_horizon
 from companion.view.state.live import LONGEST_REANCHOR_S, LinkState, LiveStatus, Seen, StreamState
 from companion.view.state.moments import analysed
 from companion.view.state.places import best_path
@@ -12,7 +11,11 @@ from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,
     FlightChecks,
+    Offer,
+    ReplayChoice,
+    chosen_track,
     display_trajectory,
+    first_horizon,
     with_result,
     worst_stretch,
 )

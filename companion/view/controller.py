@@ -31,12 +31,10 @@ from companion.view.scene.cameras import (
     world,
 )
 from companion.view.scene.drone import WORLD
-from companion.view.scene.names import Picture, unseen
-from companion.view.scene.scene import Scene
+from companion.view.scene.scene import Picture, Scene, unseen
 from companion.view.scene.vehicle_shapes import Drone
-from companion.view.state.choice import EXTRA_PATHS, CameraMode, TrailSpan
 from companion.view.state.sending import Cadence
-from companion.view.state.trajectory import Sample
+from companion.view.state.trajectory import EXTRA_PATHS, CameraMode, Sample, TrailSpan
 
 _NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
 

@@ -17,8 +17,7 @@ from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view.scene.cameras import camera, frame, readable_span
 from companion.view.scene.drone import Move
-from companion.view.scene.names import unseen
-from companion.view.scene.scene import Scene
+from companion.view.scene.scene import Scene, unseen
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.server.origin_check import script_of
 from companion.view.server.web_server import Address, close_server, new_token, open_server

@@ -22,9 +22,8 @@ from companion.view.panels.strip import bands
 from companion.view.scene.cameras import frame
 from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state.choice import CameraMode, ReplayChoice, TrailSpan
 from companion.view.state.live import Feed, FreeRun, History, Past, Seen, free_run, present
-from companion.view.state.trajectory import DisplayTrajectory, Sample
+from companion.view.state.trajectory import CameraMode, DisplayTrajectory, ReplayChoice, Sample, TrailSpan
 
 LOOK_HZ = 12.5
 TURN_HZ = 13.7  # at most: a turn begins when something has arrived, which what is gathered for does 12.5 times a second

@@ -18,9 +18,9 @@ from companion.view.live_controller import TURN_HZ, LiveController
 from companion.view.panels.controls import Call, Post
 from companion.view.replay_controller import ReplayController
 from companion.view.server.web_server import close_server, find_address, open_server
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.state.live import Feed
 from companion.view.state.player import Player
+from companion.view.state.trajectory import Examine, Offer, Recompute, ReplayChoice
 
 POSE_HZ = 30.0
 _SOONEST_S = 0.01  # from one turn to the next, however fast a browser calls

@@ -32,7 +32,6 @@ from companion.view.panels.timeline import Timeline
 from companion.view.panels.verdict import FindingsTab, drift_tab
 from companion.view.scene.cameras import frame_between, frame_of, picked
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, TrailSpan
 from companion.view.state.moments import (
     AFTER_S,
     PLAYED_S,
@@ -45,7 +44,17 @@ from companion.view.state.moments import (
 )
 from companion.view.state.places import best_path, gps_path, home_position
 from companion.view.state.player import Player
-from companion.view.state.trajectory import AnalysisResult, DisplayTrajectory, FlightChecks, with_result
+from companion.view.state.trajectory import (
+    AnalysisResult,
+    DisplayTrajectory,
+    Examine,
+    FlightChecks,
+    Offer,
+    Recompute,
+    ReplayChoice,
+    TrailSpan,
+    with_result,
+)
 from companion.view.state.work import Worker
 
 PATIENCE_S = 1.0  # of work before it is spoken of

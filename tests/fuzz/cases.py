@@ -22,7 +22,7 @@ from companion.fleet.task import limited
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError
 from companion.telemetry import Stream
-from companion.view.server.client_messages import accepted
+from companion.view.server.origin_check import accepted
 from tests.fuzz import contents, logs
 from tests.fuzz.contents import Contents
 

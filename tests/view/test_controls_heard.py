@@ -16,7 +16,7 @@ from PIL import Image
 
 from companion.model import StatusText
 from companion.view import LiveViewer, Offer, ReplayChoice, Seen, Viewer
-from companion.view.server.client_messages import KINDS, accepted
+from companion.view.server.origin_check import KINDS, accepted
 from tests.view.browser_messages import Message, PlainPage, pack, plain_page
 from tests.view.circles import dead_reckon, examine, make_flight, recompute
 from tests.view.test_live_controller import Script

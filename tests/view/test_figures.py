@@ -20,7 +20,7 @@ from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import AnalysisResult, ReplayChoice
 from companion.view.panels import verdict
-from companion.view.panels.drawings import drift_lines, noise_lines, rates
+from companion.view.panels.chart_pages import drift_lines, noise_lines, rates
 from companion.view.panels.markup import banner
 from companion.view.scene.drone import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position

@@ -1,21 +1,270 @@
-"""The charts beside the picture: those of a replay, a page of them at a time, and those of a live page."""
+"""The charts beside the picture: those of a replay, a page of them at a time, and those of a live page.
+
+And what each page shows: errors, IMU readings, noise, drift, message rates.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
 
-from companion.analysis import LiveVerdict
-from companion.model import Flight
-from companion.present import Rgb, palette
-from companion.view.panels.chart import Chart, Drawing, LogChart, LogDrawing
+from companion.analysis import Assessment, AxisNoise, ImuNoise, LiveVerdict
+from companion.estimation import AllanDeviation
+from companion.model import STANDARD_GRAVITY, Array, Flight
+from companion.present import AXES, QUANTITIES, Rgb, palette
+from companion.view.panels.chart import DASHED, DOTTED, Chart, Drawing, Line, LineStyle, LogChart, LogDrawing
 from companion.view.panels.controls import Controls
-from companion.view.panels.drawings import NOISE_TITLES, NOTHING, PAGES, errors_over_time
 from companion.view.panels.markup import block
 from companion.view.state.live import Curves
-from companion.view.state.trajectory import DisplayTrajectory, Envelope, Sample
+from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
+
+
+def error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """How far each IMU is from the autopilot since its anchor, and how far it should be."""
+    sources = {name: one.errors for name, one in display.by_imu.items()}
+    known = (display.replay.t, display.replay.reference_valid.astype(np.float64))
+    return errors_over_time(sources, colours, display.expected, known, has_position=display.replay.has_position)
+
+
+def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """The error of the window that ends at each instant, and what the drift table expects of windows of that length."""
+    if (result := display.result) is None or not len(result.trailing.t):
+        return []
+    envelope, expected = None, result.allowed
+    if expected is not None:
+        allowed = (getattr(expected, quantity.attribute) or 0.0 for quantity in QUANTITIES)
+        envelope = Envelope(result.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
+    sources, after = {display.source: result.trailing}, f" after {result.horizon_s:g} s"
+    return errors_over_time(sources, colours, envelope, None, after, has_position=display.replay.has_position)
+
+
+def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing]:
+    """What the IMU read, and as dotted lines what it read before it was corrected."""
+    raw = flight.imus[display.source]
+    track = display.track or raw
+
+    def lines(now: Array, before: Array) -> tuple[Line, ...]:
+        axes = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
+        if track is not raw:
+            axes += [
+                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, in_title=False)
+                for axis, c, v in zip(AXES, palette.AXES, before.T, strict=True)
+            ]
+        return tuple(axes)
+
+    return [
+        Drawing("Gyro, °/s", "deg/s", lines(np.degrees(track.gyro), np.degrees(raw.gyro))),
+        Drawing("Accelerometer, m/s²", "m/s²", lines(track.accel, raw.accel)),
+    ]
+
+
+def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """How often each IMU and the autopilot's estimate came, and the longest gaps in them."""
+    tracks: list[tuple[str, Rgb, Array, tuple[float, ...] | None]] = [
+        (name, colours[name], track.t, None) for name, track in flight.imus.items()
+    ]
+    if flight.attitude is not None:
+        tracks.append((flight.attitude.source, palette.AUTOPILOT, flight.attitude.t, None))
+    if flight.position is not None:
+        tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
+    end = flight.start + flight.duration
+    measured = [(name, colour, dash, rates(t, flight.start, end)) for name, colour, t, dash in tracks]
+    return [
+        Drawing(
+            title, unit, tuple(Line(n, c, r.t, getattr(r, part), 1.6, d, in_title=False) for n, c, d, r in measured)
+        )
+        for title, unit, part in (("Messages a second", "Hz", "hz"), ("Longest gap, s", "s", "gap_s"))
+    ]
+
+
+def errors_over_time(
+    sources: Mapping[str, Errors],
+    colours: Mapping[str, Rgb],
+    envelope: Envelope | None,
+    known: tuple[Array, Array] | None,
+    after: str = "",
+    *,
+    has_position: bool,
+) -> list[Drawing]:
+    """Attitude, velocity and position: how far each source is off, and how far it should be.
+
+    known: times, and 0 where the autopilot's state is not known.
+    """
+    first = next(iter(sources))
+
+    def lines(columns: Mapping[str, str], sigma: str) -> tuple[Line, ...]:
+        drawn = []
+        for source, errors in sources.items():
+            for (column, name), dash in zip(columns.items(), (None, DASHED), strict=False):
+                if column == "heading_deg" and source != first:
+                    continue
+                label = name if len(sources) == 1 else f"{source} {name}".strip()
+                values = getattr(errors, column)
+                room = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
+                drawn.append(Line(label, colours[source], errors.t, values, 1.7, dash, in_title=room))
+        if envelope is not None:
+            one = getattr(envelope, sigma)
+            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, in_title=False, fill=0.16))
+            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, in_title=False, fill=0.12))
+        return tuple(drawn)
+
+    attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}
+    drawings = [Drawing(f"Attitude error{after}, °", "deg", lines(attitude, "attitude_deg"), known)]
+    if has_position:
+        apart = "" if len(sources) > 1 else "apart"
+        velocity, position = lines({"velocity_mps": apart}, "velocity_mps"), lines({"position_m": apart}, "position_m")
+        drawings.append(Drawing(f"Velocity error{after}, m/s", "m/s", velocity, known))
+        drawings.append(Drawing(f"Position error{after}, m", "m", position, known))
+    return drawings
+
+
+BINS = 120
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rates:
+    """One message, in equal stretches of time."""
+
+    t: Array  # (B,) s, boot clock, middle of each stretch
+    hz: Array  # (B,) messages a second in it
+    gap_s: Array  # (B,) the longest time between two messages that reaches into it
+
+
+def rates(t: Array, first: float, last: float, bins: int = BINS) -> Rates:
+    """The rates and gaps of messages at `t` (N,) s, between two times (s): a second a stretch, or longer ones.
+
+    A message that is late is a gap in every stretch that it is missed in; before the first and after the last too.
+    """
+    count = int(np.clip(last - first, 1, bins))
+    edges = np.linspace(first, max(last, first + 1e-3), count + 1)
+    hz = np.histogram(t, edges)[0] / np.diff(edges)
+    times = np.concatenate([[first], t[(t > first) & (t < last)], [last]])
+    waits = np.diff(times)
+    gap = np.zeros(count)
+    begin = np.clip(np.searchsorted(edges, times[:-1], side="right") - 1, 0, count - 1)
+    end = np.clip(np.searchsorted(edges, times[1:], side="left") - 1, 0, count - 1)
+    np.maximum.at(gap, begin, waits)
+    np.maximum.at(gap, end, waits)
+    for i in np.flatnonzero(end > begin + 1):  # a gap over several stretches
+        gap[begin[i] : end[i] + 1] = np.maximum(gap[begin[i] : end[i] + 1], waits[i])
+    return Rates((edges[:-1] + edges[1:]) / 2, hz, gap)
+
+
+LEAST_DRIFT = 1e-6  # of any unit that is shown
+DRIFT_QUANTITIES = {
+    "Attitude, ° after so many s": "attitude_deg",
+    "Velocity, m/s": "velocity_mps",
+    "Position, m": "position_m",
+}
+
+
+def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | None:
+    """Horizons, median, 95 %, allowed 1σ and 3σ of a quantity of the drift table; None with fewer than two rows."""
+    rows: list[tuple[float, ...]] = []
+    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
+        measured, sigma = getattr(row, quantity), getattr(expected, quantity, None)
+        if measured is not None and sigma is not None:
+            rows.append((row.horizon_s, measured.median, measured.p95, sigma, 3 * sigma))
+    if len(rows) < 2:
+        return None
+    return tuple(np.maximum(column, LEAST_DRIFT) for column in np.array(sorted(rows)).T)
+
+
+def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[LogDrawing]:
+    """The drift table, in the colour of the IMU."""
+    if display.result is None:
+        return []
+    colour = colours.get(display.source, palette.IMU)
+    styles: tuple[LineStyle, ...] = (
+        ("median", colour, 2.2, None),
+        ("95 %", colour, 1.2, None),
+        ("allowed 1σ", palette.CURSOR, 1.4, DASHED),
+        ("3σ", palette.CURSOR, 1.4, DOTTED),
+    )
+    assessment = display.result.assessment
+    charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
+    return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
+
+
+NOISE_TITLES = (
+    "Gyro in flight, mdps/√Hz over Hz",
+    "Accelerometer in flight, µg/√Hz over Hz",
+    "Gyro at rest, Allan deviation, mdps over s",
+    "Accelerometer at rest, Allan deviation, µg over s",
+)
+NOISE_STYLES: tuple[LineStyle, ...] = (
+    *((name, colour, 1.5, None) for name, colour in zip(AXES, palette.AXES, strict=True)),
+    ("data sheet", palette.CURSOR, 1.4, DASHED),
+)
+_MDPS, _MICRO_G = 1e3 * float(np.degrees(1.0)), 1e6 / STANDARD_GRAVITY
+_POINTS = 200  # of a spectrum, evenly spread over the decades: the strongest bin of each
+
+
+def noise_lines(noise: ImuNoise | None) -> list[tuple[Array, ...] | None]:
+    """For each title x, the three axes and the data sheet's white noise; None where there is nothing to show.
+
+    An axis that is below quantisation at rest is drawn at its upper bound.
+    """
+    if noise is None:
+        return [None] * len(NOISE_TITLES)
+    gyro, accel = noise.imu_spec.gyro.noise_density, noise.imu_spec.accel.noise_density
+    spectrum, rest = noise.flight.spectrum if noise.flight else None, noise.rest
+    return [
+        _spectrum(spectrum.frequency_hz, spectrum.gyro, gyro, _MDPS) if spectrum else None,
+        _spectrum(spectrum.frequency_hz, spectrum.accel, accel, _MICRO_G) if spectrum else None,
+        _allan(rest.gyro, rest.gyro_axes, gyro, _MDPS) if rest else None,
+        _allan(rest.accel, rest.accel_axes, accel, _MICRO_G) if rest else None,
+    ]
+
+
+def _spectrum(frequency: Array, power: Array, sheet: float, factor: float) -> tuple[Array, ...]:
+    """As two-sided amplitude densities: white noise of density N is N in them."""
+    edges = np.unique(np.geomspace(1, len(frequency), _POINTS).astype(np.int64))[:-1]
+    strongest = np.maximum.reduceat(power, edges, axis=0)
+    lines = factor * np.sqrt(0.5 * strongest).T
+    return (frequency[edges], *lines, np.full(len(edges), factor * sheet))
+
+
+def _allan(
+    curve: AllanDeviation, axes: tuple[AxisNoise | None, ...], sheet: float, factor: float
+) -> tuple[Array, ...] | None:
+    """None where every axis is stuck; one of them lies at the bottom of the chart."""
+    fall = 1.0 / np.sqrt(curve.tau)
+    lines = [
+        axis.white.high * fall if axis is not None and axis.hidden else curve.deviation[:, i]
+        for i, axis in enumerate(axes)
+    ]
+    seen = np.array(lines)[np.array(lines) > 0]
+    if not len(seen):
+        return None
+    return (curve.tau, *(factor * np.maximum(line, 0.1 * seen.min()) for line in lines), factor * sheet * fall)
+
+
+def noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
+    """Spectra in flight and Allan deviations at rest, as far as there are any."""
+    charts = zip(NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
+    return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]
+
+
+HORIZON, NOISE = "Errors over the horizon", "IMU noise"
+Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
+PAGES: Mapping[str, Draw] = {
+    "Errors since the anchor": lambda display, _, colours: error_drawings(display, colours),
+    HORIZON: lambda display, _, colours: horizon_drawings(display, colours),
+    "IMU readings": lambda display, flight, _: reading_drawings(display, flight),
+    NOISE: lambda display, *_: noise_drawings(display),
+    "Drift by horizon": lambda display, _, colours: drift_drawings(display, colours),
+    "Rates and gaps": lambda _, flight, colours: rate_drawings(flight, colours),
+}
+NOTHING = {
+    HORIZON: "No window of this length can be used.",
+    NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
+}
+"""Why a page is empty once the analysis has come."""
+
 
 CHARTS = 3
 _ZOOM = "Drag over a chart to zoom in, double-click to see all of it again"

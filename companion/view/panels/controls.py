@@ -15,7 +15,7 @@ from typing import Any, Literal
 import viser
 
 from companion.present import palette
-from companion.view.state.choice import CameraMode
+from companion.view.state.trajectory import CameraMode
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end",

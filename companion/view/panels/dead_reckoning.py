@@ -14,7 +14,7 @@ from companion.model import Flight
 from companion.present import AXES, palette
 from companion.strapdown import METHODS
 from companion.view.panels.controls import Controls, bounded, key_of, write
-from companion.view.state.choice import NO_BIAS, Corrected, Offer, ReplayChoice
+from companion.view.state.trajectory import NO_BIAS, Corrected, Offer, ReplayChoice
 
 Change = Callable[[Callable[[ReplayChoice], ReplayChoice]], object]
 """Dead-reckons otherwise in one respect; in all others as was requested last, whether it is already shown or not."""

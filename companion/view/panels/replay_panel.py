@@ -16,8 +16,7 @@ from companion.strapdown import quaternion
 from companion.view.panels.controls import Controls, write
 from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, wrapped
 from companion.view.panels.strip import Bands
-from companion.view.state.choice import EXTRA_PATHS, ExtraPath
-from companion.view.state.trajectory import DisplayTrajectory, Sample
+from companion.view.state.trajectory import EXTRA_PATHS, DisplayTrajectory, ExtraPath, Sample
 
 
 class Panel:

@@ -14,8 +14,7 @@ import viser
 
 from companion.model import Array
 from companion.strapdown import quaternion
-from companion.view.state.choice import CameraMode
-from companion.view.state.trajectory import DisplayTrajectory, Sample, worst_stretch
+from companion.view.state.trajectory import CameraMode, DisplayTrajectory, Sample, worst_stretch
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 

@@ -1,23 +1,196 @@
-"""The world in three dimensions: two drones, their trails, the line between them, and the ground below."""
+"""The world in three dimensions: two drones, their trails, the line between them, the ground below, and names.
+
+The ground: a grid whose squares fit the camera's distance, which way north is, where the flight began. Of the names
+whoever comes first keeps its place, and what would lie on it, or be cut off, gives way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import viser
 
 from companion.model import Array
 from companion.present import Rgb, length, palette
-from companion.view.scene.cameras import Framing
+from companion.view.scene.cameras import TANGENT, UNMOVED, Camera, Framing, Pose, screen_up
 from companion.view.scene.drone import AUTOPILOT, IMU, NEARER, NEARER_SCALE, WORLD, Arrows, Body, Ellipsoid, Move
-from companion.view.scene.ground import Ground
-from companion.view.scene.names import Picture, give_way
-from companion.view.scene.paths import ExtraPaths, Overview
-from companion.view.scene.trail import OUTLINE, AttachedLine, Trail
+from companion.view.scene.trail import OUTLINE, AttachedLine, ExtraPaths, Overview, Trail, add_lines
 from companion.view.scene.vehicle_shapes import Drone
+from companion.view.state.places import MapPicture
 from companion.view.state.sending import by_shape
 from companion.view.state.trajectory import DisplayTrajectory, Sample
+
+EM = 12.0  # pixels of viser's labels, times their scale
+_LETTER, _LINE = 0.6, 1.6  # em: the width of a letter, the height of a line with its ground
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """What is taken of a picture, pixels from its middle, right and up."""
+
+    low: Array  # (2,)
+    high: Array  # (2,)
+
+    def overlaps(self, other: Box) -> bool:
+        """Whether both share a pixel."""
+        return bool((self.low < other.high).all() and (other.low < self.high).all())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What a browser's camera sees. eye, look_at: in the browser's own world, m; pose: how NED stands in it."""
+
+    eye: Array  # (3,)
+    look_at: Array  # (3,)
+    size: tuple[float, float]  # pixels, width and height
+    pose: Pose = UNMOVED
+
+    def at(self, point: Array) -> Array | None:
+        """Pixels (2,) from the middle, right and up, of a place (NED, m); None: it lies behind the camera."""
+        along = self.look_at - self.eye
+        along, up = along / np.linalg.norm(along), screen_up(along)
+        up = up / np.linalg.norm(up)
+        offset = self.pose.apply(point) - self.eye
+        depth = float(offset @ along)
+        if depth <= 0:
+            return None
+        scale = self.size[1] / (2 * TANGENT * depth)
+        return np.array([scale * float(offset @ np.cross(along, up)), scale * float(offset @ up)])
+
+    def around(self, point: Array, metres: float) -> Box | None:
+        """A square so many metres wide."""
+        place = self.at(point)
+        if place is None:
+            return None
+        depth = float(np.linalg.norm(self.pose.apply(point) - self.eye))
+        half = metres / 2 * self.size[1] / (2 * TANGENT * depth)
+        return Box(place - half, place + half)
+
+    def box(self, name: viser.LabelHandle, place: Array) -> Box | None:
+        """Of a name that stands at a place (NED, m)."""
+        middle = self.at(place)
+        if middle is None:
+            return None
+        em = EM * name.font_screen_scale
+        half = np.array([0.5 * _LETTER * len(name.text), 0.5 * _LINE]) * em
+        middle = middle + np.array([0.0, {"top": -1, "bottom": 1}.get(name.anchor.partition("-")[0], 0) * half[1]])
+        return Box(middle - half, middle + half)
+
+    def shows(self, box: Box) -> bool:
+        """Whether nothing of it is cut off at the sides."""
+        half = self.size[0] / 2
+        return bool(box.low[0] >= -half and box.high[0] <= half)
+
+
+def unseen(camera: Camera) -> Picture:
+    """What a browser would see that begins there."""
+    return Picture(camera.position, camera.look_at, (1280.0, 800.0))
+
+
+def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tuple[viser.LabelHandle, bool]]) -> None:
+    """Show those names, if they are wanted, that lie on nothing that is taken, nor on one before them.
+
+    names: each stands in the world itself, so that its position is NED, m.
+    """
+    boxes = [box for box in taken if box is not None]
+    for name, wanted in names:
+        box = picture.box(name, name.position) if wanted else None
+        free = box is not None and picture.shows(box) and not any(box.overlaps(other) for other in boxes)
+        name.visible = free
+        if box is not None and free:
+            boxes.append(box)
+
+
+GREY = (90, 90, 90)
+_EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
+"""Turns viser's pictures, whose right is x and whose foot is y, so that their right is east and their foot south."""
+
+
+class Ground:
+    """Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._grid = scene.add_grid(f"{root}/grid", plane="xy", infinite_grid=True, shadow_opacity=0.0)
+        # Seen on a light page and on a dark one: each browser has its own.
+        self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
+        self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
+        self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
+        self._crosses = [
+            (
+                add_lines(scene, f"{root}/{name.lower()}", GREY, 3.0),
+                scene.add_label(f"{root}/{name.lower()}_name", name, anchor="top-center", visible=False),
+            )
+            for name in ("Start", "Home")
+        ]
+        self._map: list[viser.ImageHandle | viser.LabelHandle] = []
+        self._scene, self._root = scene, root
+        self._credited = np.zeros(3)  # where it stands whose map it is: in the first picture of the flight
+        self.cell = 0.0  # side of the squares, m
+        self.level = 0.0  # down coordinate, m
+
+    def load(self, framing: Framing, start: Array | None, home: Array | None) -> None:
+        """Lay it out. start, home: NED, m, or None where they are not known; a start at home is not marked twice."""
+        self.sink(framing.ground)
+        self._grid.fade_distance = 12 * framing.radius
+        self.rule(framing.cell)
+        self._credited = np.array([framing.low[0], (framing.centre[1] + framing.low[1]) / 2, framing.ground])
+        size = 0.3 * framing.radius
+        foot = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
+        self._north.points = np.array([[foot, foot + np.array([size, 0.0, 0.0])]], dtype=np.float32)
+        self._north.shaft_radius, self._north.head_radius = 0.025 * size, 0.07 * size
+        self._north.head_length = 0.22 * size
+        self._north_name.position = foot + np.array([1.3 * size, 0.0, 0.0])
+        arm = 0.04 * framing.radius
+        if start is not None and home is not None and np.linalg.norm((start - home)[:2]) < 3 * arm:
+            start = None
+        ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
+        for (lines, name), place in zip(self._crosses, (start, home), strict=True):
+            lines.visible = name.visible = place is not None
+            if place is not None:
+                below = np.array([place[0], place[1], framing.ground])
+                lines.points, name.position = (below + ends).astype(np.float32), below
+
+    @property
+    def names(self) -> list[tuple[viser.LabelHandle, bool]]:
+        """What is written on it, and whether there is such a thing."""
+        return [*((name, lines.visible) for lines, name in self._crosses), (self._north_name, True)]
+
+    def sink(self, level: float) -> None:
+        """Lower it to a down coordinate, m: a vehicle has flown below it."""
+        self.level = level
+        self._grid.position = np.array([0.0, 0.0, level])
+
+    def show_map(self, picture: MapPicture | None) -> None:
+        """Lay a picture under the flight, at the height of its origin or below the lowest point flown; None: none."""
+        for node in self._map:
+            node.remove()
+        self._map = []
+        if picture is None:
+            return
+        down = max(0.0, self.level) + 2e-4 * float(picture.size.max())  # below the grid, which would flicker else
+        image = self._scene.add_image(
+            f"{self._root}/map",
+            picture.pixels,
+            float(picture.size[1]),
+            float(picture.size[0]),
+            format="jpeg",
+            cast_shadow=False,
+            receive_shadow=False,
+            wxyz=_EAST_UP,
+            position=(float(picture.centre[0]), float(picture.centre[1]), down),
+        )
+        credit = self._scene.add_label(
+            f"{self._root}/map_credit", picture.credit, anchor="center-center", position=self._credited
+        )
+        self._map = [image, credit]
+
+    def rule(self, cell: float) -> None:
+        """Draw squares of `cell` m."""
+        self.cell = self._grid.cell_size = cell
+        self._grid.section_size = 5 * cell
+
 
 NAME = 0.42  # spans from a drone to its name
 

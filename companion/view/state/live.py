@@ -13,8 +13,15 @@ import numpy.typing as npt
 from companion.analysis import DriftRow, FreeState, LiveVerdict, Preflight, Replay
 from companion.model import Array, Flight
 from companion.strapdown import SAME_TIME
-from companion.view.state.choice import ReplayChoice
-from companion.view.state.trajectory import COLUMNS, MOST, DisplayTrajectory, Errors, display_trajectory, samples_of
+from companion.view.state.trajectory import (
+    COLUMNS,
+    MOST,
+    DisplayTrajectory,
+    Errors,
+    ReplayChoice,
+    display_trajectory,
+    samples_of,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

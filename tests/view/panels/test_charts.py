@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from companion.analysis import LiveVerdict
 from companion.view import ReplayChoice
 from companion.view.panels.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
-from companion.view.panels.chart_pages import expected_over
-from companion.view.panels.drawings import reading_drawings
+from companion.view.panels.chart_pages import expected_over, reading_drawings
 from companion.view.state.live import Curves
 from companion.view.state.trajectory import Errors, display_trajectory
 from tests.view.circles import dead_reckon, make_flight

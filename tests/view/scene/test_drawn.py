@@ -13,9 +13,7 @@ from companion.strapdown import quaternion
 from companion.view import ReplayChoice, worst_stretch
 from companion.view.scene.cameras import camera, frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
-from companion.view.scene.ground import Ground
-from companion.view.scene.names import Picture, unseen
-from companion.view.scene.scene import Scene
+from companion.view.scene.scene import Ground, Picture, Scene, unseen
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.places import MapPicture
 from tests.view.circles import make_flight, recompute

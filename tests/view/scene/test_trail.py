@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.view.scene.paths import DASHES, dashes, dots
-from companion.view.scene.trail import CHUNK, CHUNKS, simplified
+from companion.view.scene.trail import CHUNK, CHUNKS, DASHES, dashes, dots, simplified
 
 HOUR = np.arange(0.0, 3600.0, 0.1)
 CIRCLES = np.stack([200 * np.cos(HOUR / 10), 200 * np.sin(HOUR / 10), -50 - HOUR / 100], axis=1)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from companion.model import Flight
 from companion.view import Viewer
-from companion.view.server.client_messages import MOST_BYTES, MOST_PICTURE_BYTES, accepted
+from companion.view.server.origin_check import MOST_BYTES, MOST_PICTURE_BYTES, accepted
 from tests.view.browser_messages import CAMERA, Message, pack
 from tests.view.circles import examine, recompute
 from tests.waiting import wait_for

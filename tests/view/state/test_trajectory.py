@@ -14,7 +14,7 @@ from companion.analysis import Replay
 from companion.model import DataError, Flight
 from companion.view import DisplayTrajectory, ReplayChoice
 from companion.view import display_trajectory as display_of
-from companion.view.scene.paths import worst_words
+from companion.view.scene.trail import worst_words
 from companion.view.state.trajectory import Sample, Worst, with_result, worst_stretch
 from tests.view.circles import BOOT, dead_reckon, examine, make_flight
 
