@@ -22,9 +22,8 @@ from companion.analysis import (
     replay,
     rpe,
 )
-from companion.app.examination import Examination, examine
+from companion.app.examination import Examination, examine, one_blas_thread
 from companion.app.recording import open_log
-from companion.app.resources import one_blas_thread
 from companion.app.settings import Settings, load_settings
 from companion.estimation import BestEstimate
 from companion.estimation import smooth as _smooth

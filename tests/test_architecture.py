@@ -31,18 +31,17 @@ MAY_IMPORT = {
     "analysis": GROUND | CONSTANTS | {"strapdown", "estimation"},
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
-    "app.resources": set[str](),
     "app.files": GROUND,
     "app.settings": GROUND | {"strapdown", "analysis", "app.files"},
     "app.correction": GROUND | {"app.files", "analysis"},
     "app.sensors": GROUND | {"installation", "telemetry", "app.files", "analysis"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
-    | {"constants.num", "app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
+    | {"constants.num", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"constants.num", "mavlink", "estimation", "analysis"}
-    | {"app.resources", "app.settings", "app.examination", "app.live"},
+    | {"app.settings", "app.examination", "app.live"},
     "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
@@ -66,12 +65,12 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
+    | {"app.live", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api", "mavproxy"},
     "api": GROUND
-    | {"strapdown", "estimation", "analysis", "app.resources", "app.settings"}
+    | {"strapdown", "estimation", "analysis", "app.settings"}
     | {"app.recording", "app.examination", "pages.notebook"}
     | {"export", "report"},
 }
@@ -108,11 +107,10 @@ LIBRARIES = {
     "simulate": {"numpy"},
     "telemetry": {"numpy"},
     "app.settings": {"msgspec"},
-    "app.resources": {"threadpoolctl"},
     "app.recording": {"numpy"},
     "app.sensors": {"msgspec"},
     "app.correction": {"msgspec", "numpy"},
-    "app.examination": {"msgspec", "numpy"},
+    "app.examination": {"msgspec", "numpy", "threadpoolctl"},
     "app.running_verdict": {"msgspec"},
     "pages.live": {"msgspec"},
     "documents": {"msgspec", "numpy"},

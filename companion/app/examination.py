@@ -1,17 +1,21 @@
 """A flight examined as the settings say: the one set of numbers that terminal, JSON, page, report and fleet show.
 
-And the lanes of its estimator, against the best estimate of an IMU that is in order where there is one.
+And the lanes of its estimator, against the best estimate of an IMU that is in order where there is one; and what a
+process takes of the computer for it: threads of BLAS, and memory that it needs no longer.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import os
+import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cache, cached_property, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import numpy as np
@@ -41,11 +45,48 @@ from companion.analysis import (
     verdict_without_imu,
 )
 from companion.app.correction import load_correction
-from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
 from companion.estimation import BestEstimate, Effort
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function have one thread of BLAS while it runs.
+
+    The matrices of an estimate are small: a second thread waits at full load, and where the other cores have work of
+    their own everything takes several times as long. What the caller has set in OPENBLAS_NUM_THREADS holds.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        if "OPENBLAS_NUM_THREADS" in os.environ:
+            return function(*args, **kwargs)
+        from threadpoolctl import threadpool_limits  # noqa: PLC0415  (the command line never needs it)
+
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
+
+
+def give_back() -> None:
+    """Give what was freed back to the operating system: glibc keeps it. Some milliseconds; elsewhere nothing is done.
+
+    Source: malloc_trim(3).
+    """
+    if (trim := _trim()) is not None:
+        trim(0)
+
+
+@cache
+def _trim() -> Any:
+    if sys.platform != "linux":
+        return None
+    return getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,9 +38,8 @@ from companion.analysis import (
     phases,
     standing_verdict,
 )
-from companion.app.examination import assess_imu
+from companion.app.examination import assess_imu, give_back
 from companion.app.live import Judges, Judging, NothingYetError, new_stream
-from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.constants import num
 from companion.estimation import BestEstimate, Effort

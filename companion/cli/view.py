@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.analysis import Integration
-from companion.app.examination import limits_of
+from companion.app.examination import give_back, limits_of
 from companion.app.live import Attachment
-from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.cli import live, options, parsers, unexpected_error
 from companion.links import Recorder, is_link

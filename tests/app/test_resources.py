@@ -10,7 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import companion as c
-from companion.app.resources import give_back, one_blas_thread
+from companion.app.examination import give_back, one_blas_thread
 
 
 def _threads() -> set[int]:

@@ -77,7 +77,7 @@ def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
     judge.news = True
     pace = Pace(cast("Judge", judge))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("companion.app.live.judges._CALLED_S", 0.14)
+        patched.setattr("companion.app.live.judge._CALLED_S", 0.14)
         run(judge, pace, 1.0, 4.0)
         assert len(judge.judged) == 3, "in turn, and until it has cost so much"
         run(judge, pace, 4.0, 6.4)
@@ -132,7 +132,7 @@ def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monk
     clock = iter(range(1_000_000))
     judge = Judged()
     pace = Pace(cast("Judge", judge))
-    monkeypatch.setattr("companion.app.live.judges.time.monotonic", lambda: next(clock) * took)  # asked twice for each
+    monkeypatch.setattr("companion.app.live.judge.time.monotonic", lambda: next(clock) * took)  # asked twice for each
     run(judge, pace, 1.0, 5.9)
     assert judge.judged == [1.0, 5.0]
     assert judge.most_s == 90.0
@@ -150,7 +150,7 @@ def test_where_one_look_took_much_the_next_ones_are_long_again(monkeypatch: pyte
     busy, clock = [6.0], iter(range(1_000_000))
     judge = Judged()
     pace = Pace(cast("Judge", judge))
-    monkeypatch.setattr("companion.app.live.judges.time.process_time", lambda: next(clock) * busy[0])  # twice for each
+    monkeypatch.setattr("companion.app.live.judge.time.process_time", lambda: next(clock) * busy[0])  # twice for each
     run(judge, pace, 1.0, 2.0)
     assert judge.most_s == 24.0, "the newest come first"
     busy[0] = 0.5
@@ -164,7 +164,7 @@ def test_what_ends_just_in_time_is_in_time_whatever_the_clock_says(now: float, m
     judge = Judged()
     judge.most_s = 40.0
     pace = Pace(cast("Judge", judge))
-    monkeypatch.setattr("companion.app.live.judges.time.monotonic", lambda: next(clock) * 0.7)
+    monkeypatch.setattr("companion.app.live.judge.time.monotonic", lambda: next(clock) * 0.7)
     for later in range(3):
         judge.newest = now + 10.0 * later + 1.0
         pace.step(now + 10.0 * later)
