@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.cli.commands import COMMANDS as COMMANDS_THERE_ARE
+from companion.cli.main import COMMANDS as COMMANDS_THERE_ARE
 from companion.cli.main import main, parser
 from companion.links import is_link
-from companion.links.ports import parse_address
+from companion.links.transports import parse_address
 from tests.processes import ended, next_line, started
 from tests.recordings import ROOT
 from tests.waiting import LIMIT_S

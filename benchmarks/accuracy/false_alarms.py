@@ -22,7 +22,7 @@ from companion.analysis import Alarm
 from companion.app.running_verdict import Assignment, judges_of
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
-from companion.cli.simulate import model_of
+from companion.cli.senders import model_of
 from companion.mavlink import Decoder, load_dialect
 from companion.simulate import SimulatedVehicle, fly
 

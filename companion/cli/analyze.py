@@ -16,28 +16,28 @@ from rich.table import Table
 from companion import present
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examined_or_not
-from companion.cli import many_logs, options, parsers, tables
+from companion.cli import many_logs, options, tables
 from companion.cli.info import reference_line
 from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
 from companion.model import DataError, Flight, counted, words
 
 
-def add_options(parser: parsers.Parser) -> None:
+def analyze_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.JUDGEMENT, "--anchor", takes_several=True)
+    options.add_log(parser, *options.JUDGEMENT, "--anchor", takes_several=True)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
     parser.add_argument(
         "--confusion",
         action="store_true",
         help="the smallest size at which each fault is distinguished from the others (takes some 10 s more)",
     )
-    parsers.add(parser, "--json")
+    options.add(parser, "--json")
     fails = "exit with 1 when the IMU or the autopilot is suspect (insufficient: also without a verdict)"
-    parsers.add_fail_on(parser, fails)
+    options.add_fail_on(parser, fails)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_analyze(arguments: argparse.Namespace) -> int:
     """Print the analysis of one flight, or a row for each flight of several logs."""
     if len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
         return many_logs.print_verdicts(arguments)

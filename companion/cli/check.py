@@ -23,7 +23,7 @@ from companion.app import files
 from companion.app.examination import Examination, examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
-from companion.cli import options, parsers, tables
+from companion.cli import options, tables
 from companion.documents import SCHEMA
 from companion.model import CompanionError, DataError, InputError, counted
 from companion.present import QUANTITIES, span
@@ -171,16 +171,16 @@ _SIGNS: dict[Outcome, str] = {
 }  # fmt: skip
 
 
-def add_options(parser: parsers.Parser) -> None:
+def check_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.INTEGRATION, "--imu-model", "--core", takes_several=True)
+    options.add_log(parser, *options.INTEGRATION, "--imu-model", "--core", takes_several=True)
     fails = "which verdict fails (default: suspect; insufficient: also a flight without a verdict)"
-    parsers.add_fail_on(parser, fails, default="suspect")
+    options.add_fail_on(parser, fails, default="suspect")
     parser.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")
     parser.add_argument("--baseline", metavar="FILE", help="fail where drift or a detectable fault is worse than there")
     parser.add_argument(
         "--tolerance",
-        type=parsers.share,
+        type=options.share,
         metavar="PERCENT",
         default=0.1,
         help="by how much it may be worse (default: 10%%)",
@@ -188,7 +188,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument("--write-baseline", metavar="FILE", help="make a baseline of these flights, several at best")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_check(arguments: argparse.Namespace) -> int:
     """Examine every flight, print a line for each and write the files. Exit code: 0, 1 (failed), 2 (not read)."""
     settings = options.settings_of(arguments)
     baseline = read_baseline(arguments.baseline) if arguments.baseline else None

@@ -12,7 +12,7 @@ from rich.table import Table
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.app.examination import Examination, examine
 from companion.app.recording import Recording
-from companion.cli import options, parsers, tables
+from companion.cli import options, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError, words
 from companion.present import CALIBRATED, QUANTITIES, clause, dominant, fixed, method_words
@@ -31,24 +31,24 @@ _OF_B = {
 _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 
-def add_options(parser: parsers.Parser) -> None:
+def compare_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.JUDGEMENT)
+    options.add_log(parser, *options.JUDGEMENT)
     parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
     changed = parser.add_argument_group("what is different for B (all other options are for both)")
     for name, (value, what) in _OF_B.items():
         kind = int if name == "boot" else str
         changed.add_argument(f"--{name.replace('_', '-')}-b", metavar=value, type=kind, help=f"{what} of B")
-    parsers.add(parser, "--json")
+    options.add(parser, "--json")
     parser.add_argument(
         "--fail-on-worse",
-        type=parsers.share,
+        type=options.share,
         metavar="PERCENT",
         help="exit with 1 when B drifts more than A by more than this, and by more than the spread between windows",
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_compare(arguments: argparse.Namespace) -> int:
     """Print both flights side by side."""
     changes = {name: value for name in _OF_B if (value := getattr(arguments, f"{name}_b")) is not None}
     if arguments.b is None and not changes:

@@ -1,4 +1,7 @@
-"""`companion doctor`: what this installation has and lacks, and the command or the step that mends it."""
+"""`companion doctor`: what this installation has and lacks, and the command or the step that mends it.
+
+`companion completion SHELL`: what a shell needs to complete commands, options and files.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,9 @@ from typing import Literal
 from rich.markup import escape
 
 from companion.app.settings import load_settings
-from companion.cli import parsers, tables, unexpected_error
-from companion.installation import EXTRAS, Library, data_folder, install_command, libraries, log_path
+from companion.cli import options, tables
+from companion.cli.main import commands_of, parser
+from companion.installation import EXTRAS, Library, data_folder, install_command, libraries, log_path, own_version
 from companion.links import state_folder
 from companion.model import CompanionError
 
@@ -34,16 +38,16 @@ class Check:
     remedy: str = ""
 
 
-def add_options(parser: parsers.Parser) -> None:
+def doctor_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add(parser, *parsers.SOURCE)
+    options.add(parser, *options.SOURCE)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_doctor(arguments: argparse.Namespace) -> int:
     """Print a line for each check. Exit code: 2 where something is broken that commands need."""
     console = tables.console()
     console.lines(
-        f"companion {unexpected_error.own_version()}, Python {platform.python_version()}, {platform.system()} "
+        f"companion {own_version()}, Python {platform.python_version()}, {platform.system()} "
         f"{platform.machine()}, in {escape(sys.prefix)}"
     )
     checks = list(_checks(arguments))
@@ -116,3 +120,28 @@ def _serial_ports() -> Iterator[Check]:
         yield Check("optional", f"no permission for {', '.join(closed)}", remedy)
     elif ports:
         yield Check("ok", f"serial ports: {', '.join(map(str, ports))}")
+
+
+SHELLS = ("bash", "zsh", "tcsh")
+_FILE_WORDS = ("LOG", "LOG|LINK", "FILE", "PATH", "A", "B")
+_FOLDER_WORDS = ("DIR",)
+
+
+def completion_options(parser: options.Parser) -> None:
+    """The command's options."""
+    parser.add_argument("shell", choices=SHELLS, help="the shell to print it for")
+
+
+def run_completion(arguments: argparse.Namespace) -> int:
+    """Print the script."""
+    import shtab  # noqa: PLC0415  (needed for this command alone)
+
+    top = parser()
+    for command in commands_of(top).values():
+        for action in command._actions:
+            if action.metavar in _FILE_WORDS:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+            elif action.metavar in _FOLDER_WORDS:
+                action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
+    print(shtab.complete(top, shell=arguments.shell))
+    return 0

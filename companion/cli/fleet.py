@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from companion.cli import options, parsers, tables
+from companion.cli import options, tables
 from companion.fleet import (
     MEMORY_GB,
     TIMEOUT_S,
@@ -32,9 +32,9 @@ from companion.fleet import (
     Search,
     find_logs,
     key_of,
-    run_fleet,
     short_names,
 )
+from companion.fleet import run_fleet as examine_fleet
 from companion.model import counted
 from companion.present import words
 
@@ -42,14 +42,14 @@ _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
-def add_options(parser: parsers.Parser) -> None:
+def fleet_options(parser: options.Parser) -> None:
     """The command's options."""
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
     )
     cluster = parser.add_mutually_exclusive_group()
-    count = parsers.whole(1, 1024, "a number of processes from 1 to 1024")
+    count = options.whole(1, 1024, "a number of processes from 1 to 1024")
     cluster.add_argument("--workers", type=count, metavar="N", help="processes to start (default: one per processor)")
     cluster.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, as tcp://HOST:8786")
     parser.add_argument("--reports", action="store_true", help="write the report of every flight, linked from the page")
@@ -60,10 +60,10 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument(
         "--timeout", type=_positive, metavar="S", default=TIMEOUT_S, help=f"for one log (default: {TIMEOUT_S:g})"
     )
-    parsers.add(parser, *parsers.INTEGRATION, "--imu-model", *parsers.SETTINGS)
+    options.add(parser, *options.INTEGRATION, "--imu-model", *options.SETTINGS)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_fleet(arguments: argparse.Namespace) -> int:
     """Examine, write, and print the summary. 130 after Ctrl-C."""
     settings = options.settings_of(arguments)
     search = find_logs(arguments.paths, dialect=settings.log.dialect)
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     began = time.monotonic()
     with _progress() as progress:
-        fleet = run_fleet(requested, search.logs, progress)
+        fleet = examine_fleet(requested, search.logs, progress)
     _print(fleet, time.monotonic() - began)
     if fleet.complete:
         return 0

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
-from companion.cli import many_logs, options, parsers, tables
+from companion.cli import many_logs, options, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted, longest_step
 from companion.present import capitalised, severity_word, vehicle_words
@@ -23,10 +23,10 @@ _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
 
 
-def add_options(parser: parsers.Parser) -> None:
+def info_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, takes_several=True)
-    parsers.add(parser, "--json")
+    options.add_log(parser, takes_several=True)
+    options.add(parser, "--json")
     parser.add_argument(
         "--verbose",
         action="store_true",
@@ -37,10 +37,10 @@ def add_options(parser: parsers.Parser) -> None:
         action="store_true",
         help="one line per flight instead, with the rate of every sensor (Markdown, 25 columns)",
     )
-    parsers.add(parser, "--core")
+    options.add(parser, "--core")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_info(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
     if arguments.table or len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
         if arguments.json:

@@ -1,4 +1,4 @@
-"""What every command with a live link shares: its options, its end by a signal, its status line."""
+"""What every command with a live link shares: options, end by a signal, status line; and `companion record LINK`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TextIO
 
 from companion.app.settings import Settings
-from companion.cli import options, parsers
+from companion.cli import options
 from companion.links import Address, Choice, Link, NotThereError, Recorder, Session, parse_address
 from companion.mavlink import load_key
 from companion.model import SettingsError, counted
@@ -38,7 +38,7 @@ def add_link(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="udpin:HOST:PORT (wait for packets), udpout:, tcp:, tcpin:HOST:PORT, or a device: /dev/ttyACM0[:BAUD]",
     )
-    parsers.add(parser, *parsers.SOURCE)
+    options.add(parser, *options.SOURCE)
     parser.add_argument(
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )
@@ -297,3 +297,20 @@ class StatusLine:
         if session.recorder is not None:
             parts.append(f"{session.recorder.size_bytes / 1e6:.1f} MB")
         return " · ".join(parts)
+
+
+record_options = add_link
+
+
+def run_record(arguments: argparse.Namespace) -> int:
+    """Record until Ctrl-C, SIGTERM, the duration or a full disk; then give the vehicle its message intervals back."""
+    with session_on(arguments.link, arguments, options.settings_of(arguments)) as (session, over):
+        assert session.recorder is not None
+        status = StatusLine(session)
+        say(f"Recording {session.link.address} into {session.recorder.path}  (Ctrl-C ends it)")
+        while not over() and not session.recorder.problem:
+            session.step()
+            session.beside(status.show)
+        restored = session.leave()
+        session.beside(status.end)
+    return conclude(session, restored=restored)

@@ -1,18 +1,26 @@
-"""`companion COMMAND ...`: parses, runs, and turns errors into one sentence and an exit code."""
+"""`companion COMMAND ...`: the commands; parses, runs, and turns errors into one sentence and an exit code.
+
+What nobody foresaw becomes one sentence too, with a report to send in.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import io
+import platform
 import sys
+import tempfile
+import traceback
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from companion.cli import options, unexpected_error
-from companion.cli.commands import COMMANDS
+from companion.cli import options
+from companion.installation import own_version
 from companion.model import CompanionError, SettingsError, nearest_word
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
@@ -40,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
             options.write_no_more(sys.stdout)
             return 2
-        return unexpected_error.report(error, sys.argv[1:] if argv is None else argv)
+        return report_unexpected(error, sys.argv[1:] if argv is None else argv)
     return code
 
 
@@ -113,7 +121,7 @@ class _Version(argparse.Action):
     """Looks the version up when needed, which takes a moment."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(f"companion {unexpected_error.own_version()}")
+        print(f"companion {own_version()}")
         parser.exit()
 
 
@@ -130,10 +138,194 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name in (command,) if command in COMMANDS else COMMANDS:
-        module, about = import_module(f"companion.cli.{name.replace('-', '_')}"), COMMANDS[name]
+        about, own = COMMANDS[name], name.replace("-", "_")
+        module = import_module(f"companion.cli.{about.module or own}")
         added = commands.add_parser(
             name, help=about.brief, description=about.summary, epilog=f"example: {about.example}"
         )
-        added.set_defaults(run=module.run)
-        module.add_options(added)
+        added.set_defaults(run=getattr(module, f"run_{own}"))
+        getattr(module, f"{own}_options")(added)
     return top
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command: its options and its run in a module of this package, loaded when it is needed."""
+
+    brief: str
+    summary: str
+    example: str
+    is_helper: bool = False  # one that serves other programs: the list has its name alone
+    module: str = ""  # where it is; "": in one of its own name
+
+
+COMMANDS = {
+    "info": Command(
+        "What a log has: vehicles, sensors, messages, rates, gaps",
+        "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
+        "companion info flight.tlog",
+    ),
+    "analyze": Command(
+        "The verdict: do IMU and autopilot agree, or which is wrong?",
+        "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
+        "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
+    ),
+    "report": Command(
+        "One HTML file with verdict, charts and 3D replay",
+        "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
+        "companion report flight.tlog -o report.html",
+        module="outputs",
+    ),
+    "calibrate": Command(
+        "The IMU errors that best explain a flight, each with its σ",
+        "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
+        "companion calibrate flight.tlog -o imu.toml",
+        module="outputs",
+    ),
+    "smooth": Command(
+        "Best estimate of the trajectory from all sensors, without the EKF",
+        "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
+        "companion smooth flight.tlog -o best.tum",
+    ),
+    "lanes": Command(
+        "Which EKF lane should have been flown, and was each switch right?",
+        "Every lane of the estimator against the best estimate: which should have been flown, each switch judged.",
+        "companion lanes flight.bin",
+        module="smooth",
+    ),
+    "incident": Command(
+        "The last seconds before it went wrong, with the probable causes",
+        "The seconds around a crash, loss of control, failsafe, fault or lane switch, as a page to post.",
+        "companion incident flight.bin -o incident.html",
+        module="outputs",
+    ),
+    "preflight": Command(
+        "Before take-off: is each sensor fit to fly? Go or no-go by line",
+        "A vehicle that stands for 20 to 60 s, in a log or on a link: each sensor against its limit, go or no-go.",
+        "companion preflight flight.bin, companion preflight udpin:0.0.0.0:14550",
+    ),
+    "noise": Command(
+        "IMU noise: Allan deviation at rest, spectra in flight",
+        "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
+        "companion noise flight.tlog -o imu.yaml",
+    ),
+    "compare": Command(
+        "Two flights side by side: which drifts more?",
+        "Two flights, or one before and after a change, side by side: which drifts more, and is that significant?",
+        "companion compare flight.tlog --correction-b imu.toml",
+    ),
+    "view": Command(
+        "A flight in the browser, in 3D: a log, or a live link",
+        "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it. "
+        "A log is replayed; a link is shown live, and recorded.",
+        "companion view flight.tlog --open, companion view udpin:0.0.0.0:14550",
+    ),
+    "export": Command(
+        "A flight for evo, Foxglove, maps, spreadsheets, notebooks",
+        "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
+        "companion export flight.tlog --format mcap -o flight.mcap",
+        module="outputs",
+    ),
+    "series": Command(
+        "Values of a flight over time, as CSV or JSON",
+        "Values of a flight over time, as CSV or JSON, evenly thinned out; without a table which ones there are.",
+        "companion series flight.tlog attitude --from 70 --to 80 --json",
+        is_helper=True,
+        module="outputs",
+    ),
+    "fleet": Command(
+        "Every flight of many logs: tables and one page",
+        "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page.",
+        "companion fleet logs/ -o results",
+    ),
+    "check": Command(
+        "Pass or fail for CI: JUnit XML, exit code, a baseline",
+        "Every flight of some logs as a test that passes or fails, for continuous integration: exit code, JUnit XML, "
+        "and whether drift or detectable faults are worse than a baseline's.",
+        "companion check logs/ --junit companion.xml --baseline hover.json",
+    ),
+    "record": Command(
+        "Record a link into a .tlog, at the rates that are needed",
+        "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C.",
+        "companion record udpin:0.0.0.0:14550 -o flight.tlog",
+        module="live",
+    ),
+    "watch": Command(
+        "Judge a vehicle while it flies: one JSON line a second",
+        "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording.",
+        "companion watch /dev/ttyACM0 --fail-on suspect | jq .status",
+    ),
+    "watch-folder": Command(
+        "The verdict on each log that comes into a folder",
+        "The verdict on each log that comes into a folder, of a ground station or a card, as soon as it is whole.",
+        "companion watch-folder ~/Documents/QGroundControl",
+        is_helper=True,
+    ),
+    "simulate": Command(
+        "A simulated vehicle, on a link or into a .tlog",
+        "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log.",
+        "companion simulate udpout:127.0.0.1:14550 --duration 120",
+        is_helper=True,
+        module="senders",
+    ),
+    "replay": Command(
+        "Send a recorded log to a link, for testing clients",
+        "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
+        "companion replay flight.tlog udpout:127.0.0.1:14550",
+        is_helper=True,
+        module="senders",
+    ),
+    "mcp": Command(
+        "Let an assistant ask about the logs in a folder (MCP)",
+        "An MCP server on stdin and stdout: assistants ask about the logs in a folder, and get the documented JSON.",
+        "companion mcp ~/logs",
+        is_helper=True,
+    ),
+    "doctor": Command(
+        "What this installation lacks, and how to install it",
+        "What this installation has and lacks: libraries, extras, demo flight, serial ports, folders, terminal.",
+        "companion doctor",
+        is_helper=True,
+    ),
+    "completion": Command(
+        "Completion for bash, zsh or tcsh",
+        "Print a script with which the shell completes commands, options and files.",
+        "companion completion bash > ~/.local/share/bash-completion/completions/companion",
+        is_helper=True,
+        module="doctor",
+    ),
+}
+"""Name → command, in the order in which they are listed."""
+
+
+EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+
+
+def report_unexpected(error: BaseException, arguments: Sequence[str]) -> int:
+    """Write the report and print its path. Returns the exit code."""
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    if isinstance(error, MemoryError):
+        what = f"there is not enough memory ({what})"
+    try:
+        path = _write_report(error, arguments)
+    except Exception:  # noqa: BLE001  (there is nobody behind this border)
+        path = None
+    where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # stderr is closed
+        print(f"companion: internal error (a bug in companion): {what}. {where}.", file=sys.stderr, flush=True)
+    return EXIT_CODE
+
+
+def _write_report(error: BaseException, arguments: Sequence[str]) -> Path | None:
+    """The report, in a new file of the folder for temporary ones that only its owner can read."""
+    trace = "".join(traceback.format_exception(error))
+    about = f"companion {own_version()}, Python {platform.python_version()}, {platform.platform()}"
+    text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{trace}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="companion-report-", suffix=".txt", delete=False, encoding="utf-8", errors="replace"
+        ) as file:
+            file.write(text)
+    except OSError:
+        return None
+    return Path(file.name)

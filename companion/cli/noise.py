@@ -15,7 +15,7 @@ from companion.app import files
 from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
-from companion.cli import options, parsers, tables
+from companion.cli import options, tables
 from companion.documents import noise_document
 from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
@@ -29,12 +29,12 @@ _TEXTS = {".yaml": kalibr_text, ".yml": kalibr_text, ".toml": imu_model_text}
 _MOST_PEAKS = 4
 
 
-def add_options(parser: parsers.Parser) -> None:
+def noise_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.FLIGHT)
+    options.add_log(parser, *options.FLIGHT)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
-    parsers.add(parser, "--imu-model", "--json")
-    parsers.add_output(
+    options.add(parser, "--imu-model", "--json")
+    options.add_output(
         parser,
         "PATH",
         "write the noise of --imu, else of the default IMU: FILE.yaml for Kalibr, FILE.toml for --imu-model, or a "
@@ -42,7 +42,7 @@ def add_options(parser: parsers.Parser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_noise(arguments: argparse.Namespace) -> int:
     """Print the noise; write it where requested."""
     path = Path(arguments.output) if arguments.output else None
     if path is not None:

@@ -1,4 +1,4 @@
-"""From the options of a command to its settings, its log, the flight of it, and the exit code.
+"""The options that several commands share; and from them to its settings, its log, the flight of it, and the exit code.
 
 A log that is piped in (`-` in place of its name) is kept in a file while the command runs, for logs are read more than
 once.
@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
+import re
 import shlex
 import signal
 import sys
@@ -29,8 +31,8 @@ from companion import installation
 from companion.app import files
 from companion.app.recording import Recording, Source, read_recording, usable_samples
 from companion.app.settings import Settings, load_settings
-from companion.model import CompanionError, DataError, Flight, InputError, SettingsError, counted
-from companion.strapdown import METHODS
+from companion.model import IMU_MESSAGES, CompanionError, DataError, Flight, InputError, SettingsError, counted
+from companion.strapdown import METHODS, MIDDLES
 
 STDIN = "stdin"
 """What a log that is piped in is called."""
@@ -165,7 +167,7 @@ def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str
 
 
 def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The choice of `parsers.JUDGEMENT`, as `companion.app.examination` takes it."""
+    """The choice of `JUDGEMENT`, as `companion.app.examination` takes it."""
     return {name: getattr(arguments, name) for name in ("imu", "imu_model", "correction")}
 
 
@@ -239,7 +241,7 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
         )
     if path == arguments.piped:
         recording = replace(recording, source=replace(recording.source, path=Path(STDIN), kept_in=path))
-    warn_of_damage(recording.source)
+    _warn_of_damage(recording.source)
     return recording
 
 
@@ -285,7 +287,7 @@ def choose(recording: Recording, arguments: argparse.Namespace) -> int:
     return chosen
 
 
-def warn_of_damage(source: Source) -> None:
+def _warn_of_damage(source: Source) -> None:
     """Print on stderr what of the log could not be read."""
     if source.trouble:
         say(f"{source.path}: {source.trouble}")
@@ -313,3 +315,122 @@ def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
     requested = str(arguments.vehicle) if arguments.vehicle is not None else None
     vehicle = requested is None or requested in {str(flight.vehicle), str(flight.vehicle.sysid)}
     return vehicle and arguments.boot in {None, flight.boot}
+
+
+Parser = argparse.ArgumentParser
+
+
+def add(parser: Parser, *names: str) -> None:
+    """Options of SHARED, in the order in which the help lists them."""
+    for name in names:
+        parser.add_argument(name, **SHARED[name])
+
+
+def add_log(parser: Parser, *names: str, takes_link: bool = False, takes_several: bool = False) -> None:
+    """A log, with the options that every command has that takes one, and then those that are named.
+
+    takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
+    """
+    log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
+    link = "; or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
+    if takes_several:
+        parser.add_argument("logs", metavar="LOG", nargs="+", help=log)
+    else:
+        parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
+    parser.set_defaults(piped=None)
+    add(parser, *SETTINGS, *names)
+
+
+def add_output(parser: Parser, metavar: str, help: str, force: str = "replace what is there already") -> None:
+    """Where to write."""
+    parser.add_argument("-o", "--output", metavar=metavar, help=help)
+    parser.add_argument("--force", action="store_true", help=force)
+
+
+def add_fail_on(parser: Parser, help: str, default: str | None = None) -> None:
+    """Which verdict is a failure: see `exit_code`."""
+    parser.add_argument("--fail-on", choices=("suspect", "insufficient"), default=default, help=help)
+
+
+def share(text: str) -> float:
+    """A percentage as a share: 0.1 for 10%."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%?\s*", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"must be a percentage like 10%, got {text!r}")
+    return float(match[1]) / 100
+
+
+def whole(least: int, most: int, what: str) -> Callable[[str], int]:
+    """The type of an option that is a whole number. what: it must be, in words."""
+
+    def parsed(text: str) -> int:
+        if not text.isdigit() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"must be {what}, got {text!r}")
+        return int(text)
+
+    return parsed
+
+
+def _horizons(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(0 < value < math.inf for value in values):
+        raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
+    return values
+
+
+SHARED: Mapping[str, Mapping[str, Any]] = {
+    "--json": {"action": "store_true", "help": "the same as JSON on stdout (docs/json.md)"},
+    "--config": {"metavar": "FILE", "help": "settings file; config/default.toml describes every key"},
+    "--dialect": {"metavar": "NAME", "help": "MAVLink dialect (default: ardupilotmega)"},
+    "--max-size": {
+        "type": float,
+        "metavar": "GB",
+        "help": "the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
+    },
+    "--vehicle": {"metavar": "SYSID[:COMPID]", "help": "the vehicle (default: the one with the most IMU data)"},
+    "--boot": {"type": int, "metavar": "N", "help": "the vehicle's N-th boot in the log, from 1"},
+    "--core": {
+        "type": int,
+        "metavar": "N",
+        "help": "the EKF core of a .bin to compare with, from 0 (default: the one that flew)",
+    },
+    "--imu": {
+        "metavar": "NAME",
+        "help": f"message to integrate: {', '.join(IMU_MESSAGES)}, or a track of an on-board log "
+        "(default: depends on the autopilot, and is stated)",
+    },
+    "--method": {"choices": METHODS, "help": "integrator (default: rk4)"},
+    "--middle": {"choices": MIDDLES, "help": "the signal between two samples (default: cubic)"},
+    "--imu-model": {
+        "metavar": "NAME",
+        "help": "part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
+    },
+    "--correction": {"metavar": "FILE", "help": "take the errors out that companion calibrate found"},
+    "--horizons": {"type": _horizons, "metavar": "S,S,...", "help": "seconds (default: 1,2,5,10,30)"},
+    "--reanchor": {
+        "dest": "reanchor_s",
+        "type": float,
+        "metavar": "S",
+        "help": "restart from the autopilot's state every S seconds; 0: never (default: 10)",
+    },
+    "--anchor": {
+        "choices": ("autopilot", "rest"),
+        "default": "autopilot",
+        "help": "rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
+        "(default: autopilot)",
+    },
+}
+"""Option → how argparse takes it."""
+
+SOURCE = ("--config", "--dialect")
+"""Where settings come from, and the one that is needed to read messages."""
+SETTINGS = (*SOURCE, "--max-size")
+"""The same, and the one that is needed to read a log."""
+FLIGHT = ("--vehicle", "--boot", "--core")
+"""Which of the log's flights, and which of the estimates in an on-board log."""
+INTEGRATION = ("--imu", "--method", "--middle")
+JUDGEMENT = (*FLIGHT, *INTEGRATION, "--imu-model", "--correction", "--horizons")
+"""An examination: flight, IMU, noise model, windows."""

@@ -16,7 +16,7 @@ from companion.analysis import Ageing, Preflight, ageing
 from companion.app.recording import Recording
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
-from companion.cli import live, options, parsers, record, tables
+from companion.cli import live, options, tables
 from companion.documents import preflight_document
 from companion.fleet import earlier_checks
 from companion.links import is_link
@@ -27,15 +27,15 @@ _LINK_S = 30.0
 _COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}
 
 
-def add_options(parser: parsers.Parser) -> None:
+def preflight_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.FLIGHT, takes_link=True)
+    options.add_log(parser, *options.FLIGHT, takes_link=True)
     parser.add_argument(
         "--history",
         metavar="FOLDER|PARQUET",
         help="earlier logs of this vehicle, or preflight.parquet of `companion fleet`: says what has changed since",
     )
-    parsers.add(parser, "--json")
+    options.add(parser, "--json")
     on_link = parser.add_argument_group("on a link")
     live.add_request_options(on_link)
     on_link.add_argument(
@@ -44,7 +44,7 @@ def add_options(parser: parsers.Parser) -> None:
     on_link.add_argument("-o", "--output", metavar="FILE", help="keep the recording in this .tlog")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_preflight(arguments: argparse.Namespace) -> int:
     """Print the checks. Exit code: 0 where nothing is no-go, 1 where something is, 2 where nothing can be checked."""
     if is_link(arguments.log) and not Path(arguments.log).is_file():
         return _of_link(arguments)
@@ -60,7 +60,7 @@ def _of_link(arguments: argparse.Namespace) -> int:
         recorded.link, recorded.output = arguments.log, str(path)
         recorded.duration = _LINK_S if arguments.duration is None else arguments.duration
         with contextlib.redirect_stdout(sys.stderr):  # stdout is for the checks
-            code = record.run(recorded)
+            code = live.run_record(recorded)
         if code:
             return code
         arguments.log = str(path)

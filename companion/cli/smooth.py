@@ -1,4 +1,7 @@
-"""`companion smooth LOG`: the best estimate of the trajectory by the sensors alone, and the autopilot's error."""
+"""`companion smooth LOG`: the best estimate of the trajectory by the sensors alone, and the autopilot's error.
+
+`companion lanes LOG`: which lane of its estimator should have been flown by that, and whether each switch was right.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,12 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in_flight, percent
+from companion.analysis import AutopilotError, Lanes, Limits, autopilot_error, noise_in_flight, percent
 from companion.app import files
-from companion.app.examination import integration_of
+from companion.app.examination import assess_imu, integration_of, lanes_of
 from companion.app.sensors import imu_spec_of
-from companion.cli import options, parsers, tables
-from companion.documents import estimate_document
+from companion.cli import options, tables
+from companion.documents import estimate_document, lanes_document
 from companion.estimation import (
     AIDING_SENSORS,
     CONSTANTS,
@@ -27,7 +30,7 @@ from companion.estimation import (
 )
 from companion.export import write_estimate_tum
 from companion.model import BiasTrack, Flight
-from companion.present import SENSORS, fixed, shown_unit, words
+from companion.present import SENSORS, capitalised, fixed, lane_lines, lane_table, shown_unit, words
 
 _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
     "earth_field": ("compass", "µT, NED", 1.0), "hard_iron": ("compass", "µT, FRD", 1.0),
@@ -38,15 +41,20 @@ _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
 """Constant of the flight (the matrices are in --json) → the aiding sensor that determines it, its unit, the factor."""
 
 
-def add_options(parser: parsers.Parser) -> None:
+def _add_carrier(parser: options.Parser) -> None:
+    """The IMU of a best estimate."""
+    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
+
+
+def smooth_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.FLIGHT)
-    parsers.add_carrier(parser)
-    parsers.add(parser, "--json")
-    parsers.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
+    options.add_log(parser, *options.FLIGHT)
+    _add_carrier(parser)
+    options.add(parser, "--json")
+    options.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_smooth(arguments: argparse.Namespace) -> int:
     """Print the estimate; write it where requested."""
     path = options.output(arguments, (".tum",), " companion export has more formats.")
     settings, recording, flight = options.one_flight(arguments)
@@ -165,3 +173,33 @@ def _errors(errors: Sequence[AutopilotError]) -> Table:
         numbers = (fixed(value * factor) for value in (one.median, one.p95, one.worst))
         shown.add_row(one.quantity, unit, *numbers, f"{one.worst_s:.1f}", fixed(one.sigma * factor))
     return shown
+
+
+_LANES_WIDTH = 100
+
+
+def lanes_options(parser: options.Parser) -> None:
+    """The command's options."""
+    options.add_log(parser, *options.FLIGHT)
+    _add_carrier(parser)
+    options.add(parser, "--json")
+
+
+def run_lanes(arguments: argparse.Namespace) -> int:
+    """Print every lane against the best estimate."""
+    settings, recording, flight = options.one_flight(arguments)
+    own = assess_imu(flight, settings, imu=arguments.imu)
+    lanes, best = lanes_of(flight, settings, own)
+    tables.show(arguments, _lane_lines(lanes, best), lambda: lanes_document(recording.source, flight, best, lanes))
+    return 0
+
+
+def _lane_lines(lanes: Lanes, best: BestEstimate) -> Iterator[str | Table]:
+    yield f"By the best estimate of {best.imu.source}, {best.t[0]:.1f}-{best.t[-1]:.1f} s, without the estimator's own"
+    for line in lane_lines(lanes):
+        yield from tables.wrapped(line, _LANES_WIDTH, 2)
+    for span in lanes.spans:
+        if span.lanes:
+            title = capitalised(words(span.what))
+            yield f"\n[bold]{title}, {span.start_s:.1f}-{span.end_s:.1f} s[/]: error, 95 %, ± of the best estimate"
+            yield tables.rendered(lane_table(span))

@@ -16,7 +16,8 @@ from companion.analysis import Integration
 from companion.app.examination import give_back, limits_of
 from companion.app.live import Attachment
 from companion.app.settings import Settings
-from companion.cli import live, options, parsers, unexpected_error
+from companion.cli import live, options
+from companion.cli.main import report_unexpected
 from companion.links import Recorder, is_link
 from companion.model import CompanionError, SettingsError
 
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
 
 
-def add_options(parser: parsers.Parser) -> None:
+def view_options(parser: options.Parser) -> None:
     """The command's options."""
-    parsers.add_log(parser, *parsers.FLIGHT, *parsers.INTEGRATION, "--imu-model", takes_link=True)
+    options.add_log(parser, *options.FLIGHT, *options.INTEGRATION, "--imu-model", takes_link=True)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument(
         "--port", type=int, help="port to serve on, 0 for any free one (default: 8080; the next free one when taken)"
@@ -39,7 +40,7 @@ def add_options(parser: parsers.Parser) -> None:
         default=None,
         help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
     )
-    parsers.add(parser, "--reanchor", "--correction", "--anchor")
+    options.add(parser, "--reanchor", "--correction", "--anchor")
     parser.add_argument(
         "--map", action="store_true", help="show a map of the ground from the start: its tiles come from the network"
     )
@@ -53,7 +54,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument("--open", action="store_true", help="open the browser")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_view(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C or SIGTERM."""
     if not is_link(arguments.log) or Path(arguments.log).is_file():
         live.refuse_link_options(arguments, "no-record")
@@ -126,7 +127,7 @@ def _live(arguments: argparse.Namespace) -> int:
         except Exception as error:
             if session.recorder is None:
                 raise
-            unexpected_error.report(error, sys.argv[1:])
+            report_unexpected(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
         while session.recorder is not None and not over() and attachment.alive:
             live.say_all(attachment.notices())

@@ -11,7 +11,7 @@ from typing import Any
 
 from companion.analysis import LiveVerdict
 from companion.app.running_verdict import Assignment, RunningVerdict
-from companion.cli import live, options, parsers
+from companion.cli import live, options
 from companion.links import Session, announce
 from companion.model import SettingsError
 
@@ -27,13 +27,13 @@ _WORDS = {
 """What is announced; other states are nobody's business in flight."""
 
 
-def add_options(parser: parsers.Parser) -> None:
+def watch_options(parser: options.Parser) -> None:
     """The command's options."""
     live.add_link(parser)
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")
     parser.add_argument("--no-record", action="store_true", help="record nothing")
-    parsers.add_fail_on(
+    options.add_fail_on(
         parser,
         "exit with code 1 when there was an alarm (suspect), or no consistent verdict without one (insufficient)",
     )
@@ -49,7 +49,7 @@ def add_options(parser: parsers.Parser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_watch(arguments: argparse.Namespace) -> int:
     """Watch until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
     settings = options.settings_of(arguments)
     if arguments.announce and arguments.listen_only:

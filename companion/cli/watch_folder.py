@@ -16,7 +16,7 @@ from rich.markup import escape
 from companion.app.examination import examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
-from companion.cli import live, options, parsers, tables
+from companion.cli import live, options, tables
 from companion.installation import missing
 from companion.logs import looks_like_a_log
 from companion.model import CompanionError, DataError, Flight, InputError, SettingsError
@@ -29,7 +29,7 @@ _LOOK_MS = 500
 Line = dict[str, Any]
 
 
-def add_options(parser: parsers.Parser) -> None:
+def watch_folder_options(parser: options.Parser) -> None:
     """The command's options."""
     parser.add_argument("folder", metavar="DIR", help="the folder that logs come into, with all below it")
     parser.add_argument("--existing", action="store_true", help="judge the logs that are there already too")
@@ -47,10 +47,10 @@ def add_options(parser: parsers.Parser) -> None:
         help="run this command for each verdict, with its JSON line on stdin; it is waited for",
     )
     parser.add_argument("--json", action="store_true", help="a JSON line for each verdict instead of text")
-    parsers.add(parser, *parsers.SETTINGS)
+    options.add(parser, *options.SETTINGS)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_watch_folder(arguments: argparse.Namespace) -> int:
     """Watch until Ctrl-C or SIGTERM."""
     try:
         from watchfiles import Change, watch  # noqa: PLC0415  (an extra)

@@ -9,4 +9,5 @@ from companion.installation.package import (
     libraries,
     log_path,
     missing,
+    own_version,
 )

@@ -181,3 +181,8 @@ def _shown(path: Path) -> str:
 
 def _quoted(text: str) -> str:
     return f'"{text}"' if sys.platform == "win32" else shlex.quote(text)
+
+
+def own_version() -> str:
+    """As it was installed; "unknown" where the package's own description is gone."""
+    return _version(_NAME) or "unknown"

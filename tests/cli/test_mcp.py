@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 from companion.cli import main
-from companion.cli.commands import COMMANDS
-from companion.cli.main import commands_of, parser
+from companion.cli.main import COMMANDS, commands_of, parser
 from tests.documents.test_keys import KEYS
 from tests.recordings import ROOT
 from tests.tlogs import resting

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.cli.commands import COMMANDS
-from companion.cli.main import overview
+from companion.cli.main import COMMANDS, overview
 
 Captured = pytest.CaptureFixture[str]
 

@@ -239,4 +239,4 @@ def test_nothing_but_the_command_can_replay() -> None:
     imported = re.compile(r"from companion\.links[\w.]* import (\([^)]*|[^(\n]*)\bplay\b")
     modules = [path for path in package.rglob("*.py") if imported.search(path.read_text(encoding="utf-8"))]
     users = {path.relative_to(package).as_posix() for path in modules}
-    assert users == {"links/__init__.py", "cli/replay.py"}
+    assert users == {"links/__init__.py", "cli/senders.py"}

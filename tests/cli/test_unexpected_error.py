@@ -30,7 +30,7 @@ def test_what_nobody_foresaw_is_one_sentence_a_report_and_an_exit_code(
     def broken(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("companion.cli.info.run", broken)
+    monkeypatch.setattr("companion.cli.info.run_info", broken)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["info", DEMO]) == 70
     said = capsys.readouterr().err
@@ -66,7 +66,7 @@ def test_an_output_that_takes_nothing_is_no_fault_of_ours(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("companion.cli.info.run", full)
+    monkeypatch.setattr("companion.cli.info.run_info", full)
     monkeypatch.setattr("sys.stdout", None)
     assert main(["info", DEMO]) == 2
     assert capsys.readouterr().err == "companion: the output cannot be written: No space left on device\n"
@@ -78,7 +78,7 @@ def test_a_report_that_cannot_be_written_is_no_second_error(
     def broken(*_: object) -> None:
         raise KeyError("gone")
 
-    monkeypatch.setattr("companion.cli.info.run", broken)
+    monkeypatch.setattr("companion.cli.info.run_info", broken)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
     assert main(["info", DEMO]) == 70
     assert "cannot be written" in capsys.readouterr().err

@@ -1,9 +1,10 @@
-"""`companion simulate`: a vehicle with known truth, on a link or into a telemetry log."""
+"""A vehicle's packets on a link without the vehicle: `companion simulate` and `companion replay`."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,11 @@ import numpy as np
 from companion.analysis import ImuSpec, SensorSpec
 from companion.app import files
 from companion.app.sensors import ardupilot_id, load_imu_spec
-from companion.cli import live, options, parsers
-from companion.links import open_port, parse_address
-from companion.model import SettingsError
+from companion.cli import live, options
+from companion.links import Address, Port, open_port, parse_address, play
+from companion.logs import log_format
+from companion.mavlink import load_dialect
+from companion.model import DataError, InputError, SettingsError
 from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
 from companion.strapdown import ImuModel, Sensor
 
@@ -29,7 +32,7 @@ _WRITTEN = {
 _DEFAULT_PART = "icm-42688-p"
 
 
-def add_options(parser: parsers.Parser) -> None:
+def simulate_options(parser: options.Parser) -> None:
     """The command's options."""
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
@@ -40,7 +43,7 @@ def add_options(parser: parsers.Parser) -> None:
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
-    parsers.add(parser, "--imu-model")
+    options.add(parser, "--imu-model")
     parser.add_argument(
         "--imu-filter",
         type=float,
@@ -61,7 +64,7 @@ def add_options(parser: parsers.Parser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_simulate(arguments: argparse.Namespace) -> int:
     """Fly."""
     if (arguments.link is None) == (arguments.output is None):
         raise SettingsError("name either a LINK to fly on or a file with --output.")
@@ -149,3 +152,71 @@ def faults_of(names: list[str]) -> Faults:
             raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(_FAULTS)}.")
         chosen |= _FAULTS[name](t)
     return Faults(**chosen)
+
+
+_WAITING = ("udpin", "tcpin", "tcp")  # links on which the peer has to send or listen first
+
+
+def replay_options(parser: options.Parser) -> None:
+    """The command's options."""
+    options.add_log(parser)
+    parser.add_argument(
+        "link", metavar="LINK", help="udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT"
+    )
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times the pace of the log (default: 1)")
+    parser.add_argument(
+        "--everybody",
+        action="store_true",
+        help="send the frames of ground stations, companion computers and others too, with their commands: for closed "
+        "networks only",
+    )
+
+
+def run_replay(arguments: argparse.Namespace) -> int:
+    """Play the log to its end, or until Ctrl-C."""
+    if not 0 < arguments.speed <= 1000:
+        raise SettingsError(f"--speed lies above 0 and up to 1000, got {arguments.speed:g}.")
+    address = parse_address(arguments.link)
+    if address.kind == "serial":
+        raise SettingsError(
+            f"replay does not send to a serial port: there may be a vehicle on {address.device}. Use a UDP or TCP link."
+        )
+    settings = options.settings_of(arguments)
+    path = options.log_path(arguments)
+    if log_format(path) != "mavlink":
+        raise InputError(f"{path} is not a telemetry log: only a .tlog holds packets that can be sent again.")
+    senders = None if arguments.everybody else _vehicles(arguments, path)
+    with contextlib.closing(open_port(address)) as port, live.until_signal() as ended:
+        _wait(port, address, ended)
+        options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
+        dialect = load_dialect(settings.log.dialect)
+        played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=ended)
+    names = ", ".join(f"{name} {count:,}" for name, count in played.sent.most_common())
+    print(f"sent {played.sent.total():,} frames, {played.bytes:,} bytes: {names}")
+    if played.unheard:
+        options.say(f"{played.unheard:,} frames more were due while nobody was there to hear them")
+    if played.left_out:
+        others = ", ".join(f"{who} ({count:,})" for who, count in played.left_out.most_common())
+        options.say(f"left out, for they are not the autopilot's (--everybody sends them too): frames of {others}")
+    return 0
+
+
+def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
+    """The autopilots in the log. Not their companion computers: those send commands to an autopilot."""
+    vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
+    autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
+    if not autopilots:
+        raise DataError(f"no vehicle found in {path}. To send the messages of others: --everybody.")
+    return autopilots
+
+
+def _wait(port: Port, address: Address, ended: Callable[[], bool]) -> None:
+    """Until there is somebody to send to, where a link needs that."""
+    if address.kind not in _WAITING:
+        return
+    if port.problem:
+        options.say(f"{address}: {port.problem}; waiting")
+    while port.problem and not ended():
+        port.wait(0.05)
+        port.read()
+        time.sleep(0.01)
