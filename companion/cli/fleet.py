@@ -10,30 +10,11 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from companion.cli import options, tables
-from companion.fleet import (
-    MEMORY_GB,
-    TIMEOUT_S,
-    Fleet,
-    FleetRun,
-    Row,
-    Rows,
-    Search,
-    find_logs,
-    key_of,
-    short_names,
-)
+from companion.fleet import MEMORY_GB, TIMEOUT_S, Fleet, FleetRun, Row, Rows, Search, find_logs, key_of, short_names
 from companion.fleet import run_fleet as examine_fleet
 from companion.model import counted
 from companion.present import words

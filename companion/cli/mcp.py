@@ -131,11 +131,7 @@ def server(folder: Path, *, timeout_s: float = _TIMEOUT_S, how: list[str] | None
             )
 
     return Server(
-        "companion",
-        version=own_version(),
-        instructions=_INSTRUCTIONS,
-        on_list_tools=list_tools,
-        on_call_tool=call_tool,
+        "companion", version=own_version(), instructions=_INSTRUCTIONS, on_list_tools=list_tools, on_call_tool=call_tool
     )
 
 

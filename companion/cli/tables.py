@@ -18,12 +18,7 @@ from companion.analysis import PARTS, Alignment, Assessment, Calibration, Verdic
 from companion.documents import Document, encode
 from companion.model import Array, counted
 
-_STATUS = {
-    "consistent": "green",
-    "imu_suspect": "red",
-    "autopilot_suspect": "red",
-    "insufficient_data": "yellow",
-}
+_STATUS = {"consistent": "green", "imu_suspect": "red", "autopilot_suspect": "red", "insufficient_data": "yellow"}
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|s|Hz|%|ms|m/s|m/s²|mrad/s|mrad|µT)(?![\w/]))")
 SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}

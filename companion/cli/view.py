@@ -116,10 +116,7 @@ def _live(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     if not settings.view.reanchor_s > 0:
         raise SettingsError("--reanchor is positive on a link; the free run is shown beside it.")
-    with (
-        live.session_on(arguments.log, arguments, settings) as (session, over),
-        Attachment(session) as attachment,
-    ):
+    with live.session_on(arguments.log, arguments, settings) as (session, over), Attachment(session) as attachment:
         try:
             _show(attachment, session.recorder, arguments, settings, over)
         except CompanionError:

@@ -380,10 +380,7 @@ def _imu(noise: ImuNoise) -> Document:
     return {
         "message": noise.imu,
         "rate_hz": rate,
-        "sampling": {
-            **of(sampling, "kind", "corner_hz", "interval_s", "source", "confirmed"),
-            "folded_share": share,
-        },
+        "sampling": {**of(sampling, "kind", "corner_hz", "interval_s", "source", "confirmed"), "folded_share": share},
         "imu_model": sheet.name,
         "datasheet": {
             "gyro_white": sheet.gyro.noise_density,

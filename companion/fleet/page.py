@@ -86,14 +86,7 @@ def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Se
             yield Section(anchor, f"Biases {title}", body or nothing)
 
 
-def _flights(
-    flights: Sequence[Row],
-    rows: Rows,
-    names: dict[str, str],
-    after: dict[Key, Row],
-    *,
-    why: bool,
-) -> str:
+def _flights(flights: Sequence[Row], rows: Rows, names: dict[str, str], after: dict[Key, Row], *, why: bool) -> str:
     ratios = rows.worst_ratios()
 
     def cells(row: Row) -> tuple[object, ...]:

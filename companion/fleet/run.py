@@ -185,12 +185,7 @@ _DEADLY = (
 
 
 def _completed(
-    client: Client,
-    logs: Sequence[FoundLog],
-    plan: Plan,
-    known: Callable[[FoundLog], Collection[str]],
-    *,
-    at_once: int,
+    client: Client, logs: Sequence[FoundLog], plan: Plan, known: Callable[[FoundLog], Collection[str]], *, at_once: int
 ) -> Iterator[tuple[FoundLog, LogRecord | None]]:
     """Each log with its record; None where the scheduler gave up because workers died."""
     distributed = _distributed()

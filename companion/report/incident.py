@@ -11,17 +11,7 @@ import numpy as np
 from companion.analysis import Incident, imus_within, window
 from companion.estimation import BestEstimate
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight
-from companion.present import (
-    cause_lines,
-    facts,
-    heading,
-    palette,
-    paragraph,
-    table,
-    text,
-    timeline,
-    vehicle_words,
-)
+from companion.present import cause_lines, facts, heading, palette, paragraph, table, text, timeline, vehicle_words
 from companion.report import traces
 from companion.report.html_page import Charts, Section, sheet
 from companion.strapdown import quaternion

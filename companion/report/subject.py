@@ -5,16 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion import present
-from companion.analysis import (
-    Assessment,
-    Comparison,
-    Expectation,
-    Finding,
-    ImuNoise,
-    Replay,
-    imu_noise,
-    replay,
-)
+from companion.analysis import Assessment, Comparison, Expectation, Finding, ImuNoise, Replay, imu_noise, replay
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings

@@ -240,10 +240,7 @@ def id_parameters(sensor: str, instance: int) -> tuple[str, str]:
     """
     ardupilot, px4 = {"gyro": ("GYR", "GYRO"), "accel": ("ACC", "ACC")}[sensor]
     number = instance + 1 if instance else ""
-    return (
-        f"INS{number}_{ardupilot}_ID" if instance > 2 else f"INS_{ardupilot}{number}_ID",
-        f"CAL_{px4}{instance}_ID",
-    )
+    return (f"INS{number}_{ardupilot}_ID" if instance > 2 else f"INS_{ardupilot}{number}_ID", f"CAL_{px4}{instance}_ID")
 
 
 def _device(parameters: Mapping[str, float], name: str) -> int | None:

@@ -64,12 +64,7 @@ class Judge:
     """
 
     def __init__(
-        self,
-        verdict_on: Judging,
-        stream: Stream,
-        *,
-        imu: str | None = None,
-        vehicle: str | None = None,
+        self, verdict_on: Judging, stream: Stream, *, imu: str | None = None, vehicle: str | None = None
     ) -> None:
         self.verdict_on = verdict_on
         self.imu = imu
@@ -307,12 +302,7 @@ class Judges:
     """
 
     def __init__(
-        self,
-        judging: Callable[[], Judging],
-        stream: Stream,
-        *,
-        imu: str | None = None,
-        vehicle: str | None = None,
+        self, judging: Callable[[], Judging], stream: Stream, *, imu: str | None = None, vehicle: str | None = None
     ) -> None:
         self._judging = judging
         self._imu = imu
