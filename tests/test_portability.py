@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import mypy
 import pytest
 
-from companion.cli import options
+from companion.cli import watch
 from tests.test_architecture import MODULES, PACKAGE, nodes
 
 STUBS = Path(mypy.__file__).parent / "typeshed" / "stdlib"
@@ -103,6 +103,6 @@ def test_what_windows_lacks_is_used_behind_a_guard() -> None:
 def test_a_command_of_on_change_has_its_backslashes_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows' own rules for a command line, not those of a POSIX shell, which would eat them."""
     text = r'"C:\Program Files\tool.exe" --log C:\logs'
-    assert options.command_of("--run", text) == [r"C:\Program Files\tool.exe", "--log", "C:logs"]
+    assert watch.command_of("--run", text) == [r"C:\Program Files\tool.exe", "--log", "C:logs"]
     monkeypatch.setattr(sys, "platform", "win32")
-    assert options.command_of("--run", text) == text
+    assert watch.command_of("--run", text) == text

@@ -260,6 +260,7 @@ COMMANDS = {
         "The verdict on each log that comes into a folder, of a ground station or a card, as soon as it is whole.",
         "companion watch-folder ~/Documents/QGroundControl",
         is_helper=True,
+        module="watch",
     ),
     "simulate": Command(
         "A simulated vehicle, on a link or into a .tlog",
@@ -298,7 +299,7 @@ COMMANDS = {
 """Name → command, in the order in which they are listed."""
 
 
-EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
 
 
 def report_unexpected(error: BaseException, arguments: Sequence[str]) -> int:
@@ -313,7 +314,7 @@ def report_unexpected(error: BaseException, arguments: Sequence[str]) -> int:
     where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
     with contextlib.suppress(OSError, ValueError, AttributeError):  # stderr is closed
         print(f"companion: internal error (a bug in companion): {what}. {where}.", file=sys.stderr, flush=True)
-    return EXIT_CODE
+    return _EXIT_CODE
 
 
 def _write_report(error: BaseException, arguments: Sequence[str]) -> Path | None:

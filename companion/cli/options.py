@@ -11,7 +11,6 @@ import contextlib
 import math
 import os
 import re
-import shlex
 import signal
 import sys
 import tempfile
@@ -139,20 +138,6 @@ _SETTABLE = (
 
 _PAGE_BYTES = 256
 _LARGE_BYTES = 20_000_000
-
-
-Command: TypeAlias = "str | list[str]"
-"""A command line as `Popen` takes it: its words; on Windows, which splits it by rules of its own, the text."""
-
-
-def command_of(option: str, text: str) -> Command:
-    """The command line that an option has. Raises SettingsError for one that is none."""
-    if sys.platform == "win32":
-        return text
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise SettingsError(f"{option} {text} is not a command: {error}.") from None
 
 
 def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str = "") -> Path | None:

@@ -1,19 +1,35 @@
-"""`companion watch LINK`: the verdict on a link without a page: JSON lines, a recording, an exit code. For services."""
+"""`companion watch LINK`: the verdict on a link without a page: JSON lines, a recording, an exit code. For services.
+
+`companion watch-folder DIR`: the verdict on each log that comes into a folder, as soon as it is whole.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import json
+import shlex
 import subprocess
+import sys
+import threading
 import time
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from rich.markup import escape
 
 from companion.analysis import LiveVerdict
+from companion.app.examination import examined_or_not
+from companion.app.recording import read_recording
 from companion.app.running_verdict import Assignment, RunningVerdict
-from companion.cli import live, options
+from companion.app.settings import Settings
+from companion.cli import live, options, tables
+from companion.installation import missing
 from companion.links import Session, announce
-from companion.model import SettingsError
+from companion.logs import looks_like_a_log
+from companion.model import CompanionError, DataError, Flight, InputError, SettingsError
+from companion.present import clause
 
 _LINE_S = 1.0  # between two lines where nothing changes
 _QUIET_S = 10.0  # between two announcements, at least
@@ -25,6 +41,20 @@ _WORDS = {
     "lost": "control lost",
 }
 """What is announced; other states are nobody's business in flight."""
+
+
+Command: TypeAlias = "str | list[str]"
+"""A command line as `Popen` takes it: its words; on Windows, which splits it by rules of its own, the text."""
+
+
+def command_of(option: str, text: str) -> Command:
+    """The command line that an option has. Raises SettingsError for one that is none."""
+    if sys.platform == "win32":
+        return text
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise SettingsError(f"{option} {text} is not a command: {error}.") from None
 
 
 def watch_options(parser: options.Parser) -> None:
@@ -54,7 +84,7 @@ def run_watch(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     if arguments.announce and arguments.listen_only:
         raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
-    command = options.command_of("--on-change", arguments.on_change or "")
+    command = command_of("--on-change", arguments.on_change or "")
     with (
         live.session_on(arguments.link, arguments, settings) as (session, over),
         RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=arguments.vehicle)) as verdict,
@@ -82,7 +112,7 @@ def run_watch(arguments: argparse.Namespace) -> int:
 class _Lines:
     """What is printed on stdout: of each vehicle a line when its verdict changes, and one a second."""
 
-    def __init__(self, session: Session, verdict: RunningVerdict, command: options.Command, *, announces: bool) -> None:
+    def __init__(self, session: Session, verdict: RunningVerdict, command: Command, *, announces: bool) -> None:
         self._session, self._verdict = session, verdict
         self._command, self._announces = command, announces
         self._due = 0.0
@@ -128,7 +158,7 @@ class _Lines:
 class _Changes:
     """Tells others when the verdict on a vehicle changes: a command, the ground stations."""
 
-    def __init__(self, session: Session, command: options.Command, *, announces: bool) -> None:
+    def __init__(self, session: Session, command: Command, *, announces: bool) -> None:
         self._session, self._command, self._announces = session, command, announces
         self._status = ""
         self._announced, self._announced_at = "", -_QUIET_S
@@ -196,3 +226,120 @@ def _line(session: Session, live_verdict: LiveVerdict) -> dict[str, Any]:
         "recorded_bytes": report.recorded_bytes,
         "recording_problem": report.recording_problem,
     }
+
+
+_ENDINGS = (".tlog", ".bin", ".log", ".ulg", ".px4log", ".gz", ".xz", ".bz2", ".zst", ".zip")
+_SETTLED_S = 3.0  # a telemetry log grows several times a second, a download too
+_LOOK_MS = 500
+
+LogLine = dict[str, Any]
+
+
+def watch_folder_options(parser: options.Parser) -> None:
+    """The command's options."""
+    parser.add_argument("folder", metavar="DIR", help="the folder that logs come into, with all below it")
+    parser.add_argument("--existing", action="store_true", help="judge the logs that are there already too")
+    parser.add_argument(
+        "--settle",
+        type=float,
+        metavar="S",
+        default=_SETTLED_S,
+        help=f"a log is whole when it has not grown for so long (default: {_SETTLED_S:g})",
+    )
+    parser.add_argument(
+        "--run",
+        dest="each",
+        metavar="CMD",
+        help="run this command for each verdict, with its JSON line on stdin; it is waited for",
+    )
+    parser.add_argument("--json", action="store_true", help="a JSON line for each verdict instead of text")
+    options.add(parser, *options.SETTINGS)
+
+
+def run_watch_folder(arguments: argparse.Namespace) -> int:
+    """Watch until Ctrl-C or SIGTERM."""
+    try:
+        from watchfiles import Change, watch  # noqa: PLC0415  (an extra)
+    except ImportError:
+        raise missing("watch", "companion watch-folder needs the watchfiles library") from None
+    settings, folder = options.settings_of(arguments), Path(arguments.folder)
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder}: name the one that logs come into.")
+    if not arguments.settle >= 0:
+        raise SettingsError(f"--settle is a number of seconds, got {arguments.settle:g}.")
+    command = command_of("--run", arguments.each or "")
+    there = sorted(path for path in folder.rglob("*") if path.is_file()) if arguments.existing else []
+    growing = dict.fromkeys(there, (-1, 0.0))
+    live.say(f"Watching {folder}  (Ctrl-C ends it)")
+    stop = threading.Event()
+    changed = watch(
+        folder, step=100, stop_event=stop, rust_timeout=_LOOK_MS, yield_on_timeout=True, raise_interrupt=False
+    )
+    with live.until_signal(outlive_terminal=False) as ended:
+        for changes in changed:
+            if ended():
+                stop.set()
+            came = (Path(name) for change, name in changes if change != Change.deleted)
+            growing |= {path: growing.get(path, (-1, 0.0)) for path in came if path.suffix.lower() in _ENDINGS}
+            for path in settled(growing, arguments.settle, time.monotonic()):
+                for line in verdicts(path, folder, settings):
+                    _tell_of_log(line, command, as_json=arguments.json)
+    return 0
+
+
+def settled(growing: dict[Path, tuple[int, float]], settle_s: float, now: float) -> list[Path]:
+    """Take out those that are as large as `settle_s` ago; growing: path → size (-1: not looked at), and since when."""
+    whole = []
+    for path, (size, since) in list(growing.items()):
+        try:
+            new = path.stat().st_size
+        except OSError:  # a temporary name of a download
+            del growing[path]
+            continue
+        if new != size:
+            growing[path] = new, now
+        elif now - since >= settle_s:
+            del growing[path]
+            whole.append(path)
+    return whole
+
+
+def verdicts(path: Path, folder: Path, settings: Settings) -> Iterator[LogLine]:
+    """A line for each flight of a log, or the error; nothing where the content is no log's."""
+    name = str(path.relative_to(folder))
+    try:
+        if path.stat().st_size == 0 or not looks_like_a_log(path, dialect=settings.log.dialect):
+            return
+        recording = read_recording(path, **settings.log.options)
+        if not recording.flights:
+            yield {"log": name, "error": recording.no_flight}
+        for flight in recording.flights:
+            head = {"log": name, "vehicle": str(flight.vehicle), "boot": flight.boot}
+            yield {**head, "duration_s": round(flight.duration, 1), **_verdict_on(flight, settings)}
+    except (CompanionError, OSError) as error:
+        yield {"log": name, "error": str(error)}
+
+
+def _verdict_on(flight: Flight, settings: Settings) -> LogLine:
+    try:
+        verdict = examined_or_not(flight, settings).verdict
+    except DataError as error:
+        return {"status": "insufficient_data", "summary": str(error)}
+    return {"status": verdict.status, "summary": verdict.summary}
+
+
+def _tell_of_log(line: LogLine, command: Command, *, as_json: bool) -> None:
+    text = json.dumps(line, ensure_ascii=False)
+    if as_json:
+        live.print_line(text)
+    elif "error" in line:
+        tables.console().lines(escape(f"{line['log']}: not read: {line['error']}"))
+    else:
+        status, summary = tables.status_text(line["status"]), escape(clause(line["summary"]))
+        head = escape(f"{line['log']}, vehicle {line['vehicle']}, boot {line['boot']}, {line['duration_s']:.0f} s")
+        tables.console().lines(f"{status}  {head}: {summary}")
+    if command:
+        try:
+            subprocess.run(command, input=text, text=True, check=False)
+        except OSError as error:
+            live.say(f"--run {command if isinstance(command, str) else command[0]} cannot be run: {error.strerror}")

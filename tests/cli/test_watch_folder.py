@@ -12,7 +12,7 @@ import pytest
 
 from companion.app.settings import Settings
 from companion.cli import main
-from companion.cli.watch_folder import settled, verdicts
+from companion.cli.watch import settled, verdicts
 from tests.processes import COMPANION, ended, next_line, started
 from tests.tlogs import resting
 
