@@ -73,7 +73,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 MAKING = {
     "model", "mavlink", "installation", "logs", "telemetry", "strapdown", "constants.healthy", "constants.harm",
-    "constants.priors", "constants.num", "constants.check", "estimation", "analysis", "app.resources", "app.files",
+    "constants.priors", "constants.num", "constants.check", "estimation", "analysis", "app.files",
     "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that determine the rows."""
