@@ -64,7 +64,7 @@ def of(one: object, *names: str) -> Document:
     return {name: getattr(one, name) for name in names}
 
 
-def flight_head(flight: Flight) -> Document:
+def _flight_head(flight: Flight) -> Document:
     """Which flight it is."""
     return {"vehicle": flight.vehicle, "boot": flight.boot}
 
@@ -103,7 +103,7 @@ def info_document(recording: Recording) -> Document:
 
 def _flight(flight: Flight) -> Document:
     return {
-        **flight_head(flight),
+        **_flight_head(flight),
         "start_s": flight.start,
         "duration_s": flight.duration,
         "default_imu": flight.default_imu,
@@ -136,10 +136,10 @@ def series_document(
     source: Source, flight: Flight, tables: Sequence[Document], series: Document | None = None
 ) -> Document:
     """tables: what the flight has, as `companion.export` lists them; series: the values of the one that was chosen."""
-    return document(source, [{**flight_head(flight), "tables": tables, "series": series}])
+    return document(source, [{**_flight_head(flight), "tables": tables, "series": series}])
 
 
-def confusion_part(best: BestEstimate | None) -> Document | None:
+def _confusion_part(best: BestEstimate | None) -> Document | None:
     """None where it was not requested, or no best estimate could be made."""
     if best is None or (matrix := best.confusion) is None:
         return None
@@ -176,7 +176,7 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
     flight = examined.flight
     known = _UNEXAMINED | {"notes": flight.notes} if isinstance(examined, Unexamined) else _examined(examined)
     analysed = {
-        **flight_head(flight),
+        **_flight_head(flight),
         "duration_s": flight.duration,
         "imu": [
             {
@@ -192,7 +192,7 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
         "reference": reference(flight),
         **known,
         "verdict": _verdict(examined),
-        "confusion": None if isinstance(examined, Unexamined) else confusion_part(examined.assessment.best),
+        "confusion": None if isinstance(examined, Unexamined) else _confusion_part(examined.assessment.best),
     }
     return document(source, [analysed])
 
@@ -361,7 +361,7 @@ def _alignment(alignment: Alignment) -> Document:
 def incident_document(source: Source, flight: Flight, incident: Incident) -> Document:
     """The seconds around an incident."""
     content = {
-        **flight_head(flight),
+        **_flight_head(flight),
         "moment": {"t_s": incident.moment.t, **of(incident.moment, "kind", "text")},
         **of(incident, "start_s", "end_s", "causes", "timeline", "imus", "tracking", "outputs", "missing"),
     }
@@ -370,7 +370,7 @@ def incident_document(source: Source, flight: Flight, incident: Incident) -> Doc
 
 def noise_document(source: Source, flight: Flight, noises: Sequence[ImuNoise]) -> Document:
     """The noise of a flight's IMUs."""
-    return document(source, [{**flight_head(flight), "imus": [_imu(noise) for noise in noises]}])
+    return document(source, [{**_flight_head(flight), "imus": [_imu(noise) for noise in noises]}])
 
 
 def _imu(noise: ImuNoise) -> Document:
@@ -435,7 +435,7 @@ def preflight_document(source: Source, flight: Flight, result: Preflight, aged: 
     """The checks of a vehicle that stands, and those of its earlier flights beside them."""
     before = {(one.check.name, one.check.sensor): of(one, "before", "spread", "times", "changed") for one in aged}
     checked = {
-        **flight_head(flight),
+        **_flight_head(flight),
         **of(result, "outcome", "start_s", "end_s", "motors_off"),
         "checks": [
             {
@@ -456,7 +456,7 @@ def estimate_document(
     """A flight's best estimate. autopilot: the biases of its estimator."""
     states = best.states
     estimated = {
-        **flight_head(flight),
+        **_flight_head(flight),
         "imu": best.imu.source,
         "keyframes": len(best.t),
         "start_s": float(best.t[0]),
@@ -525,7 +525,7 @@ def _bias(value: Array, sigma: Array, autopilot: Array | None) -> Document:
 def lanes_document(source: Source, flight: Flight, best: BestEstimate, lanes: Lanes) -> Document:
     """A flight's lanes against its best estimate."""
     judged = {
-        **flight_head(flight),
+        **_flight_head(flight),
         "imu": best.imu.source,
         "lanes": [
             {**of(one, "name", "core", "source", "imu"), "start_s": float(one.t[0]), "end_s": float(one.t[-1])}

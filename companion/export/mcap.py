@@ -124,20 +124,20 @@ def _in_frame(title: str, **properties: JsonSchema) -> JsonSchema:
 
 
 POSE = _in_frame("foxglove.PoseInFrame", pose=_POSE)
-TRANSFORM = _object(
+_TRANSFORM = _object(
     "foxglove.FrameTransform", timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR,
     rotation=_QUATERNION,
 )  # fmt: skip
-LOCATION = _in_frame(
+_LOCATION = _in_frame(
     "foxglove.LocationFix", latitude=_NUMBER, longitude=_NUMBER, altitude=_NUMBER,
     position_covariance={"type": "array", "items": _NUMBER, "minItems": 9, "maxItems": 9},
     position_covariance_type={**_COUNT, "maximum": 3},
 )  # fmt: skip
-LOG = _object(
+_LOG = _object(
     "foxglove.Log", timestamp=_TIME, level={**_COUNT, "maximum": 5}, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT
 )
 IMU = _in_frame("companion.Imu", angular_velocity=_VECTOR, specific_force=_VECTOR)  # rad/s, m/s²
-ERROR = _in_frame(
+_ERROR = _in_frame(
     "companion.ReckoningError", attitude_deg=_NUMBER, velocity_mps=_NUMBER, position_m=_NUMBER,
     attitude=_VECTOR, velocity=_VECTOR, position=_VECTOR,
 )  # fmt: skip
@@ -152,15 +152,15 @@ _ENTITY = _in_frame(
     "foxglove.SceneEntity", id=_TEXT, lifetime=_TIME, frame_locked={"type": "boolean"},
     lines={"type": "array", "items": _LINE},
 )  # fmt: skip
-SCENE = _object("foxglove.SceneUpdate", timestamp=_TIME, entities={"type": "array", "items": _ENTITY})
+_SCENE = _object("foxglove.SceneUpdate", timestamp=_TIME, entities={"type": "array", "items": _ENTITY})
 
 _NO_COVARIANCE = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
-LEVELS = {"info": 2, "warning": 3, "error": 4}
+_LEVELS = {"info": 2, "warning": 3, "error": 4}
 _MAV_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
 """MAV_SEVERITY 0 emergency ... 7 debug → foxglove.LogLevel."""
 
 
-def series_schema(name: str, columns: Sequence[str]) -> JsonSchema:
+def _series_schema(name: str, columns: Sequence[str]) -> JsonSchema:
     """The schema of a table of numbers: one property a column, null where the vehicle does not know."""
     numbers: Mapping[str, JsonSchema] = {column: {"type": ["number", "null"]} for column in columns}
     return _object(f"companion.{name}", timestamp=_TIME, **numbers)
@@ -178,7 +178,7 @@ def transforms(parent: str, child: str, position: Array, q: Array) -> Iterator[M
         yield {"parent_frame_id": parent, "child_frame_id": child, "translation": p, "rotation": r}
 
 
-def locations(frame_id: str, places: Array) -> Iterator[Message]:
+def _locations(frame_id: str, places: Array) -> Iterator[Message]:
     """LocationFix without its time, of latitude °, longitude °, height m (N, 3)."""
     for latitude, longitude, altitude in places.tolist():
         yield {
@@ -222,7 +222,7 @@ def log(level: int, message: str, name: str) -> Message:
     return {"level": level, "message": message, "name": name, "file": "", "line": 0}
 
 
-def level_of(severity: int) -> int:
+def _level_of(severity: int) -> int:
     """foxglove.LogLevel of a MAV_SEVERITY; unknown for one that there is not."""
     return _MAV_LEVELS[severity] if 0 <= severity < len(_MAV_LEVELS) else 0
 
@@ -265,33 +265,33 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
     ]
     for parent, child, q in (("enu", "ned", NED_IN_ENU), *((f"{name}_frd", name, FLU_IN_FRD) for name, *_ in bodies)):
         (still,) = transforms(parent, child, _HERE, q[None])
-        yield topic("/tf", TRANSFORM, beats, [still] * len(beats))
+        yield topic("/tf", _TRANSFORM, beats, [still] * len(beats))
     drawn = paths(shown, best)
     for name, times, position, q in bodies:
-        yield topic("/tf", TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
+        yield topic("/tf", _TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
         yield topic(f"/{name}/pose", POSE, times, poses("ned", position, q))
         if name in drawn and (where := geodetic(flight, position, best if name == "best" else None)) is not None:
-            yield topic(f"/{name}/location", LOCATION, times, locations(name, where))
+            yield topic(f"/{name}/location", _LOCATION, times, _locations(name, where))
     for name, path in drawn.items():
-        yield topic("/paths", SCENE, t[:1], [line(name, path, COLOURS[name])])
+        yield topic("/paths", _SCENE, t[:1], [line(name, path, COLOURS[name])])
     velocity, position = shown.velocity_error, shown.position_error
-    yield topic("/error", ERROR, t, errors(shown.attitude_error, velocity, position))
+    yield topic("/error", _ERROR, t, errors(shown.attitude_error, velocity, position))
     for name, track in flight.imus.items():
         messages = readings("imu_frd", track.gyro, track.accel)
         yield topic(f"/imu/{name}", IMU, track.t, messages)
     texts = sorted(flight.texts, key=lambda text: text.t)
-    rows = [log(level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
-    yield topic("/statustext", LOG, np.array([text.t for text in texts]), rows)
+    rows = [log(_level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
+    yield topic("/statustext", _LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
-    rows = [log(LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
-    yield topic("/findings", LOG, np.array([finding.start_s for finding in findings]), rows)
+    rows = [log(_LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
+    yield topic("/findings", _LOG, np.array([finding.start_s for finding in findings]), rows)
 
 
 def _series(flight: Flight, table: Table) -> Channel:
     columns = [column for column in table if column.name not in ("t_s", "unix_s")]
     names = [column.name for column in columns]
     rows = zip(*(column.values.tolist() for column in columns), strict=True)
-    schema = series_schema(table.name, names)
+    schema = _series_schema(table.name, names)
     messages = (dict(zip(names, row, strict=True)) for row in rows)
     return _channel(flight, f"/{table.name}", schema, table["t_s"], messages)
 

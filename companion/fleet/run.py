@@ -47,7 +47,7 @@ _ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would
 
 
 @contextlib.contextmanager
-def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
+def _local_cluster(workers: int | None, most: int) -> Iterator[Client]:
     """Worker processes of one thread each, which listen to this computer alone: one for each processor by default.
 
     `most`: as many as there is work for.
@@ -112,7 +112,7 @@ def _interrupts_wait() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def remote_cluster(address: str) -> Iterator[Client]:
+def _remote_cluster(address: str) -> Iterator[Client]:
     """The workers of a scheduler that runs already.
 
     Raises InputError when nobody answers there within 10 s, or the scheduler has no worker.
@@ -157,7 +157,7 @@ def _quiet() -> Iterator[None]:
             handler.setLevel(level)
 
 
-def examine_all(
+def _examine_all(
     client: Client, logs: Sequence[FoundLog], plan: Plan, known: Callable[[FoundLog], Collection[str]]
 ) -> Iterator[tuple[FoundLog, LogRecord]]:
     """Each log with its record, in the order in which they are done.
@@ -317,9 +317,9 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
             if new:
                 report = progress or (lambda *_: None)
                 report(0, len(new))
-                cluster = remote_cluster(run.scheduler) if run.scheduler else local_cluster(run.workers, len(new))
+                cluster = _remote_cluster(run.scheduler) if run.scheduler else _local_cluster(run.workers, len(new))
                 with contextlib.suppress(KeyboardInterrupt), cluster as client:
-                    for log, record in examine_all(client, new, plan, known):
+                    for log, record in _examine_all(client, new, plan, known):
                         done[log.path] = journal.add(log, record)
                         report(len(done) - unchanged, len(new))
         finally:

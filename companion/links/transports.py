@@ -22,7 +22,7 @@ from companion.model import InputError, nearest_word
 
 Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 
-DEFAULT_BAUD = 115_200
+_DEFAULT_BAUD = 115_200
 """What USB flight controllers ignore and most telemetry ports of the boards use; SiK radios are set to 57600."""
 
 _NETWORK = re.compile(r"(udpin|udpout|udp|tcpin|tcp):(?:(.*):)?(\d+)")
@@ -41,7 +41,7 @@ class Address:
     host: str = ""  # a name or number; for the kinds that wait for others, the own address to wait at
     port: int = 0
     device: str = ""  # of a serial link
-    baud: int = DEFAULT_BAUD
+    baud: int = _DEFAULT_BAUD
 
     def __str__(self) -> str:
         return f"{self.device}:{self.baud}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
@@ -76,7 +76,7 @@ def parse_address(text: str) -> Address:
             host = "0.0.0.0" if kind in ("udp", "udpin", "tcpin") else "127.0.0.1"
         return Address(_KINDS[kind], host.strip("[]"), port)
     if match := _SERIAL.fullmatch(text):
-        if not (baud := int(match[2] or DEFAULT_BAUD)):
+        if not (baud := int(match[2] or _DEFAULT_BAUD)):
             raise InputError(f"{text} names no baud rate: 0 is none.")
         return Address("serial", device=match[1], baud=baud)
     meant = meant_link(text)
@@ -113,7 +113,7 @@ class Port(Protocol):
 Connection = TypeVar("Connection")
 
 
-class BackOff:
+class _BackOff:
     """When to try again."""
 
     def __init__(self) -> None:
@@ -219,7 +219,7 @@ class TcpPort:
         self._socket: socket.socket | None = None
         self._rest = b""  # of a message that the kernel has taken a part of
         self._room = memoryview(bytearray(_READ))
-        self._retry = BackOff()
+        self._retry = _BackOff()
         self._family, self._where = _resolve(address, socket.SOCK_STREAM)
         if address.kind == "tcpin":
             self._listener = socket.socket(self._family, socket.SOCK_STREAM)
@@ -379,7 +379,7 @@ class SerialPort:
 
         self._library: Any = serial
         self._address = address
-        self._retry = BackOff()
+        self._retry = _BackOff()
         self._first = b""  # read while waiting
         try:
             self._serial: Any = self._open()

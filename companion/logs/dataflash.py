@@ -95,7 +95,7 @@ def declarations(data: Bytes, starts: Index) -> dict[int, Declaration]:
     for begin in range(0, len(starts), _FMT_BLOCK):
         block = starts[begin : begin + _FMT_BLOCK]
         block = block[needed[data[block + HEADER_BYTES]]]
-        rows = gather_rows(data, block, _FMT_BODY)
+        rows = _gather_rows(data, block, _FMT_BODY)
         rows = rows[_may_declare(rows)]
         for index in sorted(np.unique(rows["type"], return_index=True)[1].tolist()):
             row = rows[index]
@@ -125,19 +125,19 @@ def _text(value: Any) -> str:
     return bytes(value).partition(b"\0")[0].decode("ascii", errors="replace")
 
 
-def record_lengths(formats: Mapping[int, Declaration]) -> Index:
+def _record_lengths(formats: Mapping[int, Declaration]) -> Index:
     """(256,) bytes of a record by type, 0 where there is no such type."""
     lengths = np.zeros(256, np.int64)
     lengths[list(formats)] = [declared.length for declared in formats.values()]
     return lengths
 
 
-def gather_rows(data: Bytes, starts: Index, dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
+def _gather_rows(data: Bytes, starts: Index, dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
     """The bodies of the records that begin at `starts` (N,), as rows (N,) of dtype."""
     return gather(data, starts + HEADER_BYTES, dtype.itemsize).view(dtype).reshape(len(starts))
 
 
-def record_layouts(
+def _record_layouts(
     data: Bytes, formats: Mapping[int, Declaration], starts: Index, types: Bytes
 ) -> tuple[dict[int, RecordLayout], dict[int, str]]:
     """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
@@ -146,7 +146,7 @@ def record_layouts(
 
     def rows(name: str) -> npt.NDArray[np.void]:
         layout = plain.get(by_name.get(name, -1))
-        return NO_ROWS if layout is None else gather_rows(data, starts[types == layout.type], layout.dtype)
+        return NO_ROWS if layout is None else _gather_rows(data, starts[types == layout.type], layout.dtype)
 
     units = defined_units(rows)
     layouts = {n: layout for n, one in formats.items() if (layout := record_layout(one, units)) is not None}
@@ -345,7 +345,7 @@ def read_dataflash(
     starts, types, formats = _find(mapped)
     if len(starts) == 0:
         raise InputError(f"{path} begins like a DataFlash log, but has no whole record in it: copy it again.")
-    layouts, undecoded = record_layouts(mapped.data, formats, starts, types)
+    layouts, undecoded = _record_layouts(mapped.data, formats, starts, types)
     order = np.argsort(types, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(types[order])) + 1)
     del order
@@ -358,7 +358,7 @@ def read_dataflash(
             messages[key] = Records(
                 layout, starts[index], np.empty(len(index), layout.dtype if needed else _times(layout))
             )
-    skipped = len(mapped.data) - int(np.bincount(types, minlength=256) @ record_lengths(formats))
+    skipped = len(mapped.data) - int(np.bincount(types, minlength=256) @ _record_lengths(formats))
     count, left_out = len(starts), {name: int((types == number).sum()) for number, name in undecoded.items()}
     del starts, groups
     _fill(mapped, messages)
@@ -387,7 +387,7 @@ def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
         for records in messages.values():
             if records.rows.dtype.itemsize:
                 part = slice(*np.searchsorted(records.offset, (begin, end)).tolist())
-                rows = gather_rows(mapped.data, records.offset[part], records.rows.dtype)
+                rows = _gather_rows(mapped.data, records.offset[part], records.rows.dtype)
                 as_bytes(records.rows)[part] = as_bytes(rows)
         mapped.release(begin, end)
 
@@ -396,9 +396,9 @@ def _find(mapped: Mapped) -> tuple[Index, Bytes, dict[int, Declaration]]:
     """Where the records begin, their types, and what the log declares of those."""
     heads, types = _heads(mapped)
     formats = declarations(mapped.data, heads[types == FMT])
-    taken = _are_records(heads, record_lengths(formats)[types], len(mapped.data))
+    taken = _are_records(heads, _record_lengths(formats)[types], len(mapped.data))
     starts, types = heads[taken], types[taken]
-    keep = first_come(starts, starts + record_lengths(formats)[types])  # A3 95 inside a body sometimes fits
+    keep = first_come(starts, starts + _record_lengths(formats)[types])  # A3 95 inside a body sometimes fits
     return (starts, types, formats) if keep.all() else (starts[keep], types[keep], formats)
 
 

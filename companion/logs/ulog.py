@@ -58,7 +58,7 @@ _DEFINING = (Format, Subscription, Unsubscription)  # tuples: of a union isinsta
 _AFTER_DEFINITIONS = (Subscription, LoggedText)
 
 
-class Scan:
+class _Scan:
     """Goes through a file, hands its data to the collector, and keeps what else it says."""
 
     def __init__(self, data: Bytes, collector: Collector) -> None:
@@ -330,7 +330,7 @@ def read_ulog(
     flags = _flags(path, head)
     collector = Collector(names)
     collector.latest = begun = int.from_bytes(head[8:_HEAD_BYTES], "little")
-    scan = Scan(mapped.data, collector)
+    scan = _Scan(mapped.data, collector)
     size = len(mapped.data)
     edges = sorted({at for at in flags.appended if _HEAD_BYTES < at < size})
     for begin, end in zip([_HEAD_BYTES, *edges], [*edges, size], strict=True):

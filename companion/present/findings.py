@@ -24,7 +24,7 @@ _BRACKETS = re.compile(r" \([^()]*\)")
 
 
 @dataclass(frozen=True, slots=True)
-class Headline:
+class _Headline:
     """A verdict as a plain sentence."""
 
     sentence: str  # "Accelerometer x wrong, 69-81 s"
@@ -32,23 +32,23 @@ class Headline:
     detail: str  # what the sentence rests on
 
 
-def headline(verdict: Verdict) -> Headline:
+def headline(verdict: Verdict) -> _Headline:
     """What a reader has to know first; the numbers behind it are the detail."""
     detail = capitalised(clause(verdict.summary))
     if (cause := verdict.cause) is not None:
         sure, detail = cause.side_probability, _SURE.sub("", detail)
-        return Headline(
+        return _Headline(
             f"{wrong(cause)}, {lasting(cause)}", "" if sure is None else f"probability {probability(sure)}", detail
         )
     if verdict.status == "consistent":
         nobody, rest = verdict.probability.get("nobody"), max(verdict.probability.values(), default=0.0)
         sure = nobody if nobody is not None and nobody >= rest else None
         detail = detail if sure is None else _SURE.sub("", detail)
-        return Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
+        return _Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
     if (doubt := next((one for one in verdict.findings if one.undecided), None)) is not None:
         sides = ", ".join(f"{_SIDES.get(side, side)} {probability(share)}" for side, share in verdict.likeliest)
-        return Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", sides, detail)
-    return Headline("Too little in this log to judge", "", detail)
+        return _Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", sides, detail)
+    return _Headline("Too little in this log to judge", "", detail)
 
 
 def wrong(cause: Cause) -> str:
@@ -146,7 +146,7 @@ def _size(finding: Finding) -> float:
     return 0.0 if finding.cause is None or finding.cause.size is None else finding.cause.size
 
 
-CAUSES = {
+_CAUSES = {
     "mechanical": "a motor, propeller or ESC",
     "installation": "how it was put together: motor order, propellers, frame type, board orientation",
     "power": "the battery or its wiring",
@@ -176,10 +176,10 @@ _MOST_ROWS = 40
 def heading(incident: Incident) -> str:
     """What the page is about, in a line: untrusted."""
     moment = incident.moment
-    return f"{_MOMENTS[moment.kind]} at {moment.t:.1f} s: {clean(moment.text)}"
+    return f"{_MOMENTS[moment.kind]} at {moment.t:.1f} s: {_clean(moment.text)}"
 
 
-def clean(text: str) -> str:
+def _clean(text: str) -> str:
     """A vehicle's text without what may be a place on Earth."""
     return _PLACE.sub("…", text)
 
@@ -188,11 +188,11 @@ def cause_lines(incident: Incident) -> Iterator[tuple[str, str, str]]:
     """Cause, probability, evidence: the likeliest first, those above 1 %."""
     for one in incident.causes:
         if one.probability >= _LEAST:
-            yield capitalised(_cause(one)), probability(one.probability), clean("; ".join(one.evidence))
+            yield capitalised(_cause(one)), probability(one.probability), _clean("; ".join(one.evidence))
 
 
 def _cause(one: ProbableCause) -> str:
-    return CAUSES.get(one.name, f"the {words(one.name)}")
+    return _CAUSES.get(one.name, f"the {words(one.name)}")
 
 
 def facts(incident: Incident) -> Iterator[tuple[str, str]]:
@@ -226,7 +226,7 @@ def timeline(incident: Incident) -> Iterator[tuple[str, str, str]]:
     """Time, kind, text: untrusted. At most forty rows, those nearest to the moment."""
     nearest = sorted(incident.timeline, key=lambda row: abs(row.after_s))[:_MOST_ROWS]
     for row in sorted(nearest, key=lambda row: row.after_s):
-        yield f"{row.after_s:+.2f} s", row.what, clean(row.text)
+        yield f"{row.after_s:+.2f} s", row.what, _clean(row.text)
 
 
 def incident_markdown(incident: Incident, flight: Flight, verdict: str, name: str) -> str:
@@ -236,7 +236,7 @@ def incident_markdown(incident: Incident, flight: Flight, verdict: str, name: st
         f"## {_escaped(heading(incident))}",
         f"{_escaped(vehicle_words(flight.vehicle))}, log {_code(name)}; from {before:.0f} s before to {after:.0f} s "
         "after the moment. Times are relative to it.",
-        *([f"**Sensors and estimator until then:** {_escaped(clean(verdict))}"] if verdict else []),
+        *([f"**Sensors and estimator until then:** {_escaped(_clean(verdict))}"] if verdict else []),
         "### Probable causes",
         _table(("cause", "probability", "what speaks for it"), cause_lines(incident)),
         "### What sensors and controls did",

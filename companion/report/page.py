@@ -41,7 +41,7 @@ from companion.report.traces import ground, paths_of, track
 from companion.view import worst_stretch
 
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "viser")
-MOST_TEXTS = 500
+_MOST_TEXTS = 500
 
 
 def _reproduction(
@@ -96,8 +96,8 @@ def _log(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Seq
         ("Vehicle messages", ["text", "severity", "s"], texts),
     ):
         if rows:
-            cut = f", the first {MOST_TEXTS}" if len(rows) > MOST_TEXTS else ""
-            body += details(f"{title} ({len(rows)}{cut})", table(names, rows[:MOST_TEXTS], words=2))
+            cut = f", the first {_MOST_TEXTS}" if len(rows) > _MOST_TEXTS else ""
+            body += details(f"{title} ({len(rows)}{cut})", table(names, rows[:_MOST_TEXTS], words=2))
     if flight.parameters:
         values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
         body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
@@ -178,7 +178,7 @@ _NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
 _SHOWN_S = 5.0  # the horizon of which the median is shown
 
 
-def head(subject: Subject, ground: str) -> str:
+def _head(subject: Subject, ground: str) -> str:
     """HTML of the title, the verdict and its numbers; ground: the chart that stands beside them, "" for none."""
     flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
     tracks = {"attitude": flight.attitude, "position": flight.position}
@@ -299,7 +299,7 @@ def _whole(subject: Subject, with_playback: bool) -> tuple[str, list[Section], d
     """The head, the sections and the data of a flight that could be examined."""
     flight, assessment, charts = subject.flight, subject.assessment, subject.charts
     paths = paths_of(flight, subject.replay, subject.colour, assessment.best)
-    first = head(subject, ground(flight, subject.replay, paths, charts))
+    first = _head(subject, ground(flight, subject.replay, paths, charts))
     sections = [Section(anchor, title, body(subject), anchor not in _OPEN) for anchor, title, body in _SECTIONS]
     sections += [*lanes_section(subject), *preflight_section(subject)]
     sections.append(Section("track", "Altitude", track(flight, paths, charts), folded=True))

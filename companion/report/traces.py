@@ -40,12 +40,12 @@ def line(
     kept = extremes((np.nan_to_num(y, posinf=1e300, neginf=-1e300),), limit)
     x, y = x[kept], y[kept]
     if breaks is not None and len(breaks):
-        at = breaks_among(x, breaks)
+        at = _breaks_among(x, breaks)
         x, y = np.insert(x, at, x[at]), np.insert(y, at, np.nan)
     return curve(x, y, name, colour, **more)
 
 
-def breaks_among(t: Array, breaks: Array) -> npt.NDArray[np.intp]:
+def _breaks_among(t: Array, breaks: Array) -> npt.NDArray[np.intp]:
     """The indices of samples at times t before which a line is interrupted, each once."""
     at = np.unique(np.searchsorted(t, breaks))
     return at[(at > 0) & (at < len(t))]
@@ -256,7 +256,7 @@ def _events(flight: Flight, reference: Path) -> list[Trace]:
 def _on_the_map(path: Path) -> Trace:
     kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * MOST_POINTS)
     t, position = path.t[kept], path.position[kept]
-    at = breaks_among(t, path.breaks)
+    at = _breaks_among(t, path.breaks)
     east, north = (np.insert(position[:, i], at, np.nan) for i in (1, 0))
     return curve(
         east, north, path.name, path.colour, customdata=np.insert(t, at, np.nan), hovertemplate="%{customdata:.1f} s"

@@ -24,8 +24,8 @@ from companion.model import STANDARD_GRAVITY, Array, InputError, geodetic_from_n
 from companion.simulate.true_flight import GPS_SIGMA, HOME, LOOP_US, Channel, Faults, Flown, pressure
 from companion.strapdown import quaternion
 
-Steps = npt.NDArray[np.int64]
-Fields = Mapping[str, npt.NDArray[Any] | float]
+_Steps = npt.NDArray[np.int64]
+_Fields = Mapping[str, npt.NDArray[Any] | float]
 
 _ALIGNED = 0b11_0011_1111  # ESTIMATOR_STATUS_FLAGS: attitude, velocity, position and height are known
 _RATIO = 0.05  # of an innovation to what it may be, in an estimator that is well
@@ -34,7 +34,7 @@ _ALOFT_M = 0.1
 _COVARIANCE = 21  # elements; the first is NaN where it is not known
 
 
-def _odometry(flown: Flown, index: Steps, _: Steps) -> Fields:
+def _odometry(flown: Flown, index: _Steps, _: _Steps) -> _Fields:
     """As PX4's: both frames are local NED."""
     unknown = np.full((len(index), _COVARIANCE), np.nan)
     names = ("x", "y", "z", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed")
@@ -53,7 +53,7 @@ _COMPASS = ("xmag", "ymag", "zmag")
 _ANGLES, _RATES = ("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed")
 _QUATERNION = ("q1", "q2", "q3", "q4")
 
-STREAMS = {
+_STREAMS = {
     "RAW_IMU": 27, "SCALED_IMU": 26, "SCALED_IMU2": 116, "HIGHRES_IMU": 105, "ATTITUDE": 30,
     "ATTITUDE_QUATERNION": 31, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "SYS_STATUS": 1, "SIM_STATE": 108,
     "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29, "VIBRATION": 241, "EKF_STATUS_REPORT": 193, "ESTIMATOR_STATUS": 230,
@@ -62,7 +62,7 @@ STREAMS = {
 """Messages that can be requested → their ids."""
 
 
-def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) -> list[bytes]:
+def _payloads(layout: MessageLayout, flown: Flown, index: _Steps, boot_us: _Steps) -> list[bytes]:
     """The payloads of one message at loop steps `index` (N,), `boot_us` (N,) µs after boot: as on the wire, untrimmed.
 
     Integers are cut towards zero, as ArduPilot's C casts do (GCS_Common.cpp, send_raw_imu).
@@ -76,7 +76,7 @@ def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) 
     return [packed[begin : begin + size] for begin in range(0, len(packed), size)]
 
 
-def _global(flown: Flown, index: Steps, _: Steps) -> Fields:
+def _global(flown: Flown, index: _Steps, _: _Steps) -> _Fields:
     position = flown.position[index]
     place = _geodetic(position) * [1e7, 1e7, 1e3]
     names = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -84,7 +84,7 @@ def _global(flown: Flown, index: Steps, _: Steps) -> Fields:
     return {**columns, "hdg": _UNKNOWN}  # not known
 
 
-def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:
+def _fix(flown: Flown, index: _Steps, boot_us: _Steps) -> _Fields:
     """GPS_RAW_INT: the newest fix, with the time at which it came. Without the extensions that it does not know."""
     seen, t = flown.aiding, flown.truth.t[index]
     newest = np.maximum(np.searchsorted(seen.fixed, t + 1e-6, side="right") - 1, 0)
@@ -100,18 +100,18 @@ def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:
     }  # fmt: skip
 
 
-def _highres(flown: Flown, index: Steps, _: Steps) -> Fields:
+def _highres(flown: Flown, index: _Steps, _: _Steps) -> _Fields:
     readings = flown.imu.accel[index], flown.imu.gyro[index], flown.aiding.fields[0][index] / _GAUSS
     return {**_columns((*_IMU, *_COMPASS), *readings), "fields_updated": 0x1FF}
 
 
-def _milli(flown: Flown, index: Steps, _: Steps, *, second: bool = False) -> Fields:
+def _milli(flown: Flown, index: _Steps, _: _Steps, *, second: bool = False) -> _Fields:
     imu, field = flown.second if second else flown.imu, flown.aiding.fields[second]
     readings = np.hstack([imu.accel[index] / _MG, imu.gyro[index] / _MRAD, field[index] / _GAUSS * 1e3])
     return _columns((*_IMU, *_COMPASS), np.clip(np.trunc(readings), -32768, 32767))
 
 
-def _truth(flown: Flown, index: Steps, _: Steps) -> Fields:
+def _truth(flown: Flown, index: _Steps, _: _Steps) -> _Fields:
     """SIM_STATE; like ArduPilot's without a time of its own, and with degE7 in lat_int and lon_int."""
     truth = flown.truth
     q, place = truth.q_ned_frd[index], _geodetic(truth.position[index])
@@ -120,7 +120,7 @@ def _truth(flown: Flown, index: Steps, _: Steps) -> Fields:
     return _columns(names, q, quaternion.to_euler(q), place, place[:, :2] * 1e7, *sensed)
 
 
-def _columns(names: tuple[str, ...], *values: Array) -> Fields:
+def _columns(names: tuple[str, ...], *values: Array) -> _Fields:
     """Field names → columns of blocks (N, ...) that lie side by side."""
     return dict(zip(names, np.hstack(values).T, strict=True))
 
@@ -131,11 +131,11 @@ def _geodetic(position: Array) -> Array:
     return np.column_stack([np.degrees(place[:, :2]), place[:, 2]])
 
 
-def _ratios(*names: str) -> Callable[[Flown, Steps, Steps], Fields]:
+def _ratios(*names: str) -> Callable[[Flown, _Steps, _Steps], _Fields]:
     return lambda _flown, _index, _: dict.fromkeys(names, _RATIO) | {"flags": _ALIGNED}
 
 
-_FIELDS: Mapping[str, Callable[[Flown, Steps, Steps], Fields]] = {
+_FIELDS: Mapping[str, Callable[[Flown, _Steps, _Steps], _Fields]] = {
     "RAW_IMU": _milli,
     "SCALED_IMU": _milli,
     "SCALED_IMU2": partial(_milli, second=True),
@@ -161,7 +161,7 @@ _FIELDS: Mapping[str, Callable[[Flown, Steps, Steps], Fields]] = {
 
 Autopilot = Literal["ardupilot", "px4"]
 
-ACCEPTED, DENIED = 0, 2  # MAV_RESULT
+_ACCEPTED, _DENIED = 0, 2  # MAV_RESULT
 
 _DISTINCT = 10
 """Distinct intervals that ArduPilot keeps for a link; a further one silently becomes the nearest of them."""
@@ -173,7 +173,7 @@ class _Stream:
     due_us: int
 
 
-class Intervals:
+class _Intervals:
     """Which message is due when.
 
     default: message → interval in µs at boot, 0 for one that is not sent. unlimited: those of them that PX4 sends at
@@ -203,7 +203,7 @@ class Intervals:
     def set(self, name: str, requested_us: float, now_us: int) -> int:
         """SET_MESSAGE_INTERVAL: ACCEPTED or DENIED (GCS_Common.cpp, set_message_interval)."""
         if name not in self._streams:
-            return DENIED
+            return _DENIED
         interval = int(requested_us)
         if interval == 0:
             interval = self._default[name]
@@ -212,10 +212,10 @@ class Intervals:
         elif self._autopilot == "ardupilot":
             milliseconds = interval // 1000  # requested 150 Hz, got 166.7
             if milliseconds < LOOP_US // 800:  # 333 Hz is the fastest at a 400 Hz loop
-                return DENIED
+                return _DENIED
             interval = self._nearest(name, milliseconds * 1000)
         self._streams[name] = _Stream(interval, now_us)
-        return ACCEPTED
+        return _ACCEPTED
 
     @property
     def next_us(self) -> float:
@@ -251,7 +251,7 @@ _UNSUPPORTED = 3  # MAV_RESULT
 _CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 _REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
 _GROUPS = {
-    0: tuple(STREAMS),
+    0: tuple(_STREAMS),
     1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE"),
     2: ("SYS_STATUS", "GPS_RAW_INT", "GPS2_RAW"),
     6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
@@ -260,7 +260,7 @@ _GROUPS = {
 }
 """MAV_DATA_STREAM → messages, as ArduPilot groups them: ALL, RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1, 3."""
 
-_BY_ID = {number: name for name, number in STREAMS.items()}
+_BY_ID = {number: name for name, number in _STREAMS.items()}
 _WITHOUT = {
     "ardupilot": {"SCALED_IMU", "ESTIMATOR_STATUS", "ODOMETRY"},
     "px4": {"RAW_IMU", "SCALED_IMU2", "EKF_STATUS_REPORT"},
@@ -307,7 +307,7 @@ class SimulatedVehicle:
         self._faults = faults
         rates = streams or {}
         self._unlimited = unlimited
-        known = (name for name in STREAMS if name not in _WITHOUT[autopilot])
+        known = (name for name in _STREAMS if name not in _WITHOUT[autopilot])
         self._default = {name: round(1e6 / rates[name]) if name in rates else 0 for name in known}
         if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
             self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
@@ -383,7 +383,7 @@ class SimulatedVehicle:
             times = self._intervals.schedule(name, now, _AHEAD)
             steps = self._boot_step + times // LOOP_US
             times, steps = times[steps < len(self.flown)], steps[steps < len(self.flown)]
-            made = payloads(layout, self.flown, steps, times)
+            made = _payloads(layout, self.flown, steps, times)
             self._ready[name] = dict(zip(times.tolist(), made, strict=True))
         self._out.append(self._packer.frame(layout, self._ready[name][now]))
         self.sent[name] += 1
@@ -393,7 +393,7 @@ class SimulatedVehicle:
         self._beat_us = 0
         self._packer = Packer(*self._ids)
         self._decoder = Decoder(self._dialect, stamped=False)
-        self._intervals = Intervals(self._default, self._autopilot, unlimited=self._unlimited)
+        self._intervals = _Intervals(self._default, self._autopilot, unlimited=self._unlimited)
         self._out: list[bytes] = []
         self._ready: dict[str, dict[int, bytes]] = {}  # message → µs since boot → payload, made some way ahead
         banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"
@@ -409,7 +409,7 @@ class SimulatedVehicle:
             if event == "reboot":
                 self._boot()
             else:
-                for name in STREAMS:
+                for name in _STREAMS:
                     if self._intervals.get(name) > 0:
                         self._intervals.set(name, 500_000, self._boot_us())
 
@@ -445,19 +445,19 @@ class SimulatedVehicle:
 
     def _command(self, command: int, first: float, second: float, third: float) -> None:
         name = _BY_ID.get(int(first), "")
-        result = ACCEPTED
+        result = _ACCEPTED
         if command == _GET_INTERVAL:
             self._send("MESSAGE_INTERVAL", message_id=int(first), interval_us=self._intervals.get(name))
         elif command == _SET_INTERVAL:
             refused = name in self._faults.denied or "*" in self._faults.denied
             denied = refused or (third != 0 and self._autopilot == "ardupilot")
-            result = DENIED if denied else self._intervals.set(name, second, self._boot_us())
+            result = _DENIED if denied else self._intervals.set(name, second, self._boot_us())
         elif command == _REQUEST_MESSAGE and int(first) == _VERSION_ID:
-            self._send("COMMAND_ACK", command=command, result=ACCEPTED)  # ArduPilot acknowledges before it sends
+            self._send("COMMAND_ACK", command=command, result=_ACCEPTED)  # ArduPilot acknowledges before it sends
             self._send("AUTOPILOT_VERSION", flight_sw_version=_REQUEST_ID)
             return
         else:
-            result = DENIED if command == _REQUEST_MESSAGE else _UNSUPPORTED
+            result = _DENIED if command == _REQUEST_MESSAGE else _UNSUPPORTED
         self._send("COMMAND_ACK", command=command, result=result)
 
 

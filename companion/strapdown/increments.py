@@ -36,13 +36,13 @@ from companion.strapdown import quaternion
 MIDDLES: Final = ("linear", "cubic")
 """Interpolations between two samples."""
 
-UNEVEN: Final = 30.0
+_UNEVEN: Final = 30.0
 """An interval this many times as long as a neighbour gets the line: across a gap, or beside two samples sent in one
 burst, the cubic would multiply the noise of the readings (by about 3/16 of the ratio)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Signal:
+class _Signal:
     """Gyro (rows 0-2, rad/s) and accelerometer (rows 3-5, m/s²) inside each of n intervals, component-first."""
 
     dt: Array  # (n,) s
@@ -70,13 +70,13 @@ class Signal:
         return line
 
 
-def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
+def _signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> _Signal:
     """The signal in intervals first..last-1 of a track, i.e. between samples first..last."""
     if middle == "linear":
         part = slice(first, last + 1)
         x = _rows(imu, part)
         t = imu.t[part]
-        return Signal(t[1:] - t[:-1], x[:, :-1], x[:, 1:])
+        return _Signal(t[1:] - t[:-1], x[:, :-1], x[:, 1:])
     part = slice(max(first - 1, 0), last + 2)
     t, x = imu.t[part], _rows(imu, part)
     if first == 0:
@@ -89,17 +89,17 @@ def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
     bend = np.subtract(slope[:, 1:], slope[:, :-1], out=rows.empty(6, len(h) - 1))
     bend /= h[:-1] + h[1:]
     bend0, bend1 = bend[:, :-1], bend[:, 1:]
-    if h.max() > UNEVEN * h.min():
-        even = ~uneven(h)[1:-1]
+    if h.max() > _UNEVEN * h.min():
+        even = ~_uneven(h)[1:-1]
         bend0, bend1 = bend0 * even, bend1 * even
-    return Signal(h[1:-1], x[:, 1:-2], x[:, 2:-1], h[:-2], h[2:], bend0, bend1)
+    return _Signal(h[1:-1], x[:, 1:-2], x[:, 2:-1], h[:-2], h[2:], bend0, bend1)
 
 
-def uneven(dt: Array) -> npt.NDArray[np.bool_]:
+def _uneven(dt: Array) -> npt.NDArray[np.bool_]:
     """Which of the intervals (n,) are too long beside a neighbour for the cubic."""
     mark = np.zeros(len(dt), dtype=np.bool_)
-    mark[1:] |= dt[1:] > UNEVEN * dt[:-1]
-    mark[:-1] |= dt[:-1] > UNEVEN * dt[1:]
+    mark[1:] |= dt[1:] > _UNEVEN * dt[:-1]
+    mark[:-1] |= dt[:-1] > _UNEVEN * dt[1:]
     return mark
 
 
@@ -113,7 +113,7 @@ def _rows(imu: ImuTrack, part: slice) -> Array:
 def _continued(imu: ImuTrack, t: Array, x: Array, nearest: slice, *, at_start: bool) -> tuple[Array, Array]:
     """Times and samples with one more, extrapolated by the polynomial through the nearest four (or all there are)."""
     nodes = imu.t[nearest]
-    if len(nodes) > 2 and uneven(np.diff(nodes)).any():
+    if len(nodes) > 2 and _uneven(np.diff(nodes)).any():
         nearest = slice(None, 2) if at_start else slice(-2, None)
         nodes = imu.t[nearest]
     when = 2.0 * nodes[0] - nodes[1] if at_start else 2.0 * nodes[-1] - nodes[-2]
@@ -127,21 +127,21 @@ def _continued(imu: ImuTrack, t: Array, x: Array, nearest: slice, *, at_start: b
     return np.concatenate((t, [when])), np.concatenate((x, sample[:, None]), axis=1)
 
 
-EXACT: Final = 1e-9  # s, far below any clock's step
+_EXACT: Final = 1e-9  # s, far below any clock's step
 
-JOINED: Final = 0.25
+_JOINED: Final = 0.25
 """Two intervals join where the gap or overlap between them is at most this share of the time between their middles.
 Elsewhere (a sample lost, or a log that has every hundredth) a mean is no more than a reading at its middle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
+class _Pieces:
     """The way from the middle of each sample's interval to that of the next: n ways between n + 1 samples."""
 
-    beginning: Signal  # (n + 1) to the middle of each sample's interval
-    rest: Signal  # (n) from the middle on
+    beginning: _Signal  # (n + 1) to the middle of each sample's interval
+    rest: _Signal  # (n) from the middle on
     turn: Array  # (3, n) rad, rotation vector over the whole interval of which `rest` is the second half
-    gap: Signal | None  # (n) from the end of an interval to the start of the next; None where they join exactly
+    gap: _Signal | None  # (n) from the end of an interval to the start of the next; None where they join exactly
 
 
 def joined(imu: ImuTrack, first: int, last: int) -> npt.NDArray[np.bool_]:
@@ -150,10 +150,10 @@ def joined(imu: ImuTrack, first: int, last: int) -> npt.NDArray[np.bool_]:
         return np.zeros(last - first, np.bool_)
     own, t = imu.interval[first : last + 1], imu.t[first : last + 1]
     h = t[1:] - t[:-1]
-    return np.asarray(np.abs(h - 0.5 * (own[:-1] + own[1:])) <= JOINED * h)
+    return np.asarray(np.abs(h - 0.5 * (own[:-1] + own[1:])) <= _JOINED * h)
 
 
-def pieces(imu: ImuTrack, first: int, last: int) -> Pieces:
+def _pieces(imu: ImuTrack, first: int, last: int) -> _Pieces:
     """The signal between samples first..last of a track of means."""
     if imu.interval is None:
         raise ValueError("the samples of this track are readings of an instant, not means over intervals")
@@ -170,11 +170,11 @@ def pieces(imu: ImuTrack, first: int, last: int) -> Pieces:
     reach = slope * own / 2.0
     before, after = x - reach, x + reach
     apart = t[1:] - t[:-1] - 0.5 * (own[:-1] + own[1:])
-    return Pieces(
-        Signal(own / 2.0, before, x),
-        Signal(own[:-1] / 2.0, x[:, :-1], after[:, :-1]),
+    return _Pieces(
+        _Signal(own / 2.0, before, x),
+        _Signal(own[:-1] / 2.0, x[:, :-1], after[:, :-1]),
         turn,
-        Signal(apart, after[:, :-1], before[:, 1:]) if np.abs(apart).max() > EXACT else None,
+        _Signal(apart, after[:, :-1], before[:, 1:]) if np.abs(apart).max() > _EXACT else None,
     )
 
 
@@ -207,7 +207,7 @@ def _slopes(t: Array, own: Array, x: Array, join: npt.NDArray[np.bool_], *, at_s
 Moved = tuple[Array, Array]
 """dq (4, n), and dv and dp side by side, (3, 2, n): both are turned by the same attitudes."""
 
-Step = Callable[[Signal, float, float], Moved]
+Step = Callable[[_Signal, float, float], Moved]
 """(signal of n intervals, begin, end as fractions of them) → what they add, dq not normalised."""
 
 
@@ -221,11 +221,11 @@ class Method:
     step: Step
 
 
-def _euler(signal: Signal, begin: float, end: float) -> Moved:
+def _euler(signal: _Signal, begin: float, end: float) -> Moved:
     """Euler: everything as at the start of the interval."""
     h = (end - begin) * signal.dt
     x = signal.at(begin)
-    return one_and(0.5 * h * x[:3]), _uniform(h, h * x[3:])
+    return _one_and(0.5 * h * x[:3]), _uniform(h, h * x[3:])
 
 
 def _uniform(h: Array, dv: Array) -> Array:
@@ -233,15 +233,15 @@ def _uniform(h: Array, dv: Array) -> Array:
     return np.stack((dv, 0.5 * h * dv), axis=1)
 
 
-def _midpoint(signal: Signal, begin: float, end: float) -> Moved:
+def _midpoint(signal: _Signal, begin: float, end: float) -> Moved:
     """Midpoint: the mean rate turns; the mean of both specific forces, each in its own attitude, accelerates."""
     h = (end - begin) * signal.dt
     x0, x1 = signal.at(begin), signal.at(end)
-    dq = one_and(0.25 * h * (x0[:3] + x1[:3]))
+    dq = _one_and(0.25 * h * (x0[:3] + x1[:3]))
     return dq, _uniform(h, 0.5 * h * (x0[3:] + rows.rotate(dq[0], dq[1:], x1[3:])))
 
 
-def _rk4(signal: Signal, begin: float, end: float) -> Moved:
+def _rk4(signal: _Signal, begin: float, end: float) -> Moved:
     """RK4 of attitude, velocity and position, in one step that starts from the identity (docs/mathematics.md).
 
     The accelerations a0, a1, a2, a3 use the same intermediate q1, q2, q3 as the attitude; those are not of unit length,
@@ -303,7 +303,7 @@ def rk4_attitude(
     return dq, ((1.0, a), (w2, k2), (w3, e))
 
 
-def one_and(vector: Array) -> Array:
+def _one_and(vector: Array) -> Array:
     """The quaternion [1, vector], (4, n)."""
     return np.concatenate((np.ones((1, vector.shape[1])), vector))
 
@@ -342,9 +342,9 @@ class Scheme:
         # Both bounds are cheap; only a track that breaks one is looked at step by step.
         dt = imu.t[1:] - imu.t[:-1]
         longest = dt.max()
-        if self.looks_ahead and longest > UNEVEN * dt.min():
+        if self.looks_ahead and longest > _UNEVEN * dt.min():
             notes.append(
-                f"more than {UNEVEN:g} times as long as a neighbour: {int(uneven(dt).sum())} of {len(dt)} intervals "
+                f"more than {_UNEVEN:g} times as long as a neighbour: {int(_uneven(dt).sum())} of {len(dt)} intervals "
                 "(a gap, or a burst of samples); linearly interpolated there"
             )
         if max(imu.gyro.max(), -imu.gyro.min()) * longest > np.pi / np.sqrt(3.0):
@@ -434,7 +434,7 @@ def dense_attitude(
         raise ValueError(f"q_ned_frd must have shape ({len(imu)}, 4), one per sample, got {np.shape(q_ned_frd)}")
     if len(imu) == 1:
         return np.empty((0, len(fractions), 4))
-    signal = signal_of(imu, 0, len(imu) - 1, middle)
+    signal = _signal_of(imu, 0, len(imu) - 1, middle)
     turned = [rows.unit(_attitude(signal, np.full(len(imu) - 1, u), segments)).T for u in fractions]
     return quaternion.multiply(q_ned_frd[:-1, None], np.stack(turned, axis=1))
 
@@ -452,7 +452,7 @@ def chunks(imu: ImuTrack, start: int, stop: int, scheme: Scheme) -> Iterator[tup
         if join.all():
             dq, moves = _of_means(imu, first, last, scheme)
         else:
-            dq, moves = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
+            dq, moves = _increments(_signal_of(imu, first, last, middle), scheme.method, scheme.segments)
             if join.any():
                 q, of_means = _of_means(imu, first, last, scheme)
                 dq, moves = np.where(join, q, dq), np.where(join, of_means, moves)
@@ -461,7 +461,7 @@ def chunks(imu: ImuTrack, start: int, stop: int, scheme: Scheme) -> Iterator[tup
 
 def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> Moved:
     """What is added between samples that are means over joining intervals."""
-    way = pieces(imu, first, last)
+    way = _pieces(imu, first, last)
     before, before_moves = _increments(way.beginning, scheme.method, scheme.segments)
     _, moves = _increments(way.rest, scheme.method, scheme.segments)
     back = before[:, :-1] * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
@@ -481,7 +481,7 @@ def _then(one: Moved, dt: Array, other: Moved) -> Moved:
     return rows.product(q, dq), further
 
 
-def _increments(signal: Signal, method: str, segments: int) -> Moved:
+def _increments(signal: _Signal, method: str, segments: int) -> Moved:
     """What every interval adds: the method on each segment, segments composed in order."""
     step = METHODS[method].step
     q, moves = step(signal, 0.0, 1.0 / segments)
@@ -490,9 +490,9 @@ def _increments(signal: Signal, method: str, segments: int) -> Moved:
     return rows.unit(q), moves
 
 
-def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:
+def _attitude(signal: _Signal, fraction: Array, segments: int) -> Array:
     """Attitude (4, n) at a fraction (n,) of each interval: RK4 over its segments, cut short where the fraction lies."""
-    q = one_and(np.zeros((3, len(fraction))))
+    q = _one_and(np.zeros((3, len(fraction))))
     for i in range(segments):
         begin, end = np.minimum(i / segments, fraction), np.minimum((i + 1) / segments, fraction)
         w0, wm, w1 = (signal.at(at)[:3] for at in (begin, 0.5 * (begin + end), end))

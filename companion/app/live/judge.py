@@ -34,10 +34,10 @@ HORIZON_S = 40.0
 """Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
 tells. What lasted longer than that is in the record of alarms."""
 
-MOST_S = 90.0
+_MOST_S = 90.0
 """And from an alarm on until nobody is suspect: without its onset a fault is measured less well."""
 
-LEAST_S = 20.0
+_LEAST_S = 20.0
 """On a computer that is too slow: the newest seconds come first. A verdict needs three windows of 5 s."""
 
 _BEFORE_S = 20.0  # of data before an alarm that still lasts
@@ -69,7 +69,7 @@ class Judge:
         self.verdict_on = verdict_on
         self.imu = imu
         self.vehicle = vehicle
-        self.most_s = MOST_S  # of data that are judged: less where that takes too long
+        self.most_s = _MOST_S  # of data that are judged: less where that takes too long
         self.others: tuple[str, ...] = ()  # further vehicles with an IMU at the last judgement
         self._stream = stream
         self.newest = 0.0  # s UNIX, when the newest data arrived; 0: nothing has
@@ -203,7 +203,7 @@ _WHERE = {"standing": "on the ground", "landed": "after landing"}
 
 def new_stream(dialect: str, *, dequantise: bool = False) -> Stream:
     """A stream that keeps what judges need."""
-    return Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
+    return Stream(dialect=dialect, window_s=1.2 * _MOST_S, dequantise=dequantise)
 
 
 def _end(flight: Flight) -> float:
@@ -283,10 +283,10 @@ class Pace:
         self._due = now + (rests if changed else max(min(PAUSE_S, _AGE_S - took), rests))
         in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
-            judge.most_s = max(judge.most_s * _COSTS_S / busy, LEAST_S)
+            judge.most_s = max(judge.most_s * _COSTS_S / busy, _LEAST_S)
         else:
             more = min(sqrt(_COSTS_S / max(busy, 1e-3)), _AT_ONCE) if judge.most_s < HORIZON_S else _MORE
-            judge.most_s = min(max(judge.most_s * (more if in_time else _LESS), min(HORIZON_S, judge.most_s)), MOST_S)
+            judge.most_s = min(max(judge.most_s * (more if in_time else _LESS), min(HORIZON_S, judge.most_s)), _MOST_S)
         return live_verdict
 
 
@@ -347,7 +347,7 @@ class Judges:
         if not self._all:
             return
         judge.vehicle = judge.last.vehicle or judge.vehicle
-        kept = self._newest - MOST_S  # nothing is known of a vehicle any more that was silent for so long
+        kept = self._newest - _MOST_S  # nothing is known of a vehicle any more that was silent for so long
         self._paces = [one for one in self._paces if one.judge is judge or not 0.0 < one.judge.last.newest < kept]
         known = {pace.judge.vehicle for pace in self._paces}
         for vehicle in judge.others:

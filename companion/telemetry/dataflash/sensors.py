@@ -46,7 +46,7 @@ def sources(records: Mapping[str, Records], names: tuple[str, ...]) -> Iterator[
                 yield int(instance), f"{names[0]}[{instance}]", records[name].instance(instance)
 
 
-def sample_time(one: Records, field: str) -> Array:
+def _sample_time(one: Records, field: str) -> Array:
     """(N,) s: when each sample was taken, by a column of whole ms or µs; where that is absurd, when it was logged.
 
     Both count in a uint32 that wraps.
@@ -60,7 +60,7 @@ def sample_time(one: Records, field: str) -> Array:
     return np.where((np.abs(age) < LONGEST_WAIT_S) & (one[field] != 0), one.t - age, one.t)
 
 
-def sound(one: Records) -> BoolArray:
+def _sound(one: Records) -> BoolArray:
     """(N,) whether the driver vouches for a sample; older logs do not say."""
     flag = next((name for name in ("Health", "H") if one.layout.has_numbers(name)), None)
     return np.ones(len(one), np.bool_) if flag is None else np.asarray(one[flag] != 0)
@@ -145,7 +145,7 @@ def _of_sensors(records: Mapping[str, Records], row: Source, notes: list[str]) -
                 yield _gps(records, one, name, row, number, notes)
             continue
         whole = one
-        if row.sampled and not (good := sound(one)).all():
+        if row.sampled and not (good := _sound(one)).all():
             whole = one.select(good)
             notes.append(
                 f"{name}: {len(one) - len(whole)} of {len(one)} left out, as the driver called itself unhealthy"
@@ -159,7 +159,7 @@ def _raw_series(one: Records, name: str, row: Source, number: int, notes: list[s
     if row.name == "CURR" and one.layout.has_numbers("Volt") and one["Volt"].dtype.kind == "i":  # until ArduPilot 3.2
         hundredths: Fields = {column: ((field, "hundredths"),) for column, ((field, _),) in row.fields.items()}
         row = replace(row, fields=hundredths)
-    t = sample_time(one, row.sampled) if row.sampled else one.t
+    t = _sample_time(one, row.sampled) if row.sampled else one.t
     return raw_series(row, name, t, lambda field: _column(one, field), one.layout.units, instance=number, notes=notes)
 
 
@@ -191,7 +191,7 @@ def _gps(
             return np.where(paired & (accuracy["VV"][beside] == 0), np.nan, values)  # the receiver gives no climb
         return values
 
-    sampled: Array = np.where(paired, sample_time(accuracy, "SMS")[beside], t)
+    sampled: Array = np.where(paired, _sample_time(accuracy, "SMS")[beside], t)
     units = {**one.layout.units, **accuracy.layout.units}
     return raw_series(row, name, sampled, column, units, instance=number, notes=notes)
 

@@ -48,7 +48,7 @@ from companion.telemetry.ulog.topics import (
     topics_of,
 )
 
-Version = tuple[int, int]
+_Version = tuple[int, int]
 """Major and minor of PX4's release; (0, 0) where the log does not tell it."""
 
 _GYRO, _ACCEL = 10, 13  # in EKF2's state vector: after attitude (4), velocity (3) and position (3)
@@ -58,7 +58,7 @@ _SELECTOR, _INVALID_INSTANCE = "estimator_selector_status", 255
 _RATES = (1, 15)  # since then the states are rates; before, delta angles and velocities over one filter interval
 
 
-def imu_instances(topics: Topics) -> dict[int, int]:
+def _imu_instances(topics: Topics) -> dict[int, int]:
     """Device id of a gyro → its instance, as vehicle_imu numbers them."""
     by_device: dict[int, int] = {}
     for name, field in _GYROS:
@@ -69,7 +69,7 @@ def imu_instances(topics: Topics) -> dict[int, int]:
     return by_device
 
 
-def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
+def _imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
     """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
     for name in ("sensor_selection", _SELECTOR):
         if name not in topics:
@@ -81,7 +81,7 @@ def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | No
     return None
 
 
-def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) -> tuple[BiasTrack, ...]:
+def _bias_tracks(topics: Topics, version: _Version, by_device: Mapping[int, int]) -> tuple[BiasTrack, ...]:
     """The in-run biases of each EKF2 instance, that of the one that flew longest first.
 
     From estimator_sensor_bias, which names the sensor; where that is not there from the state vector.
@@ -111,7 +111,7 @@ def _primary(topics: Topics) -> tuple[Array, Index]:
     return topic.seconds(), np.asarray(topic["primary_instance"]).astype(np.int64)
 
 
-def lane_in_use(topics: Topics) -> SensorInUse | None:
+def _lane_in_use(topics: Topics) -> SensorInUse | None:
     """The instance that flew, from each change on; None where the log has no selector."""
     t, instance = _primary(topics)
     return in_use(_SELECTOR, t, instance, instance < _INVALID_INSTANCE)
@@ -141,11 +141,11 @@ def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, in
     return tracks
 
 
-def _state_biases(topic: Topic, name: str, core: int, version: Version, by_device: Mapping[int, int]) -> BiasTrack:
+def _state_biases(topic: Topic, name: str, core: int, version: _Version, by_device: Mapping[int, int]) -> BiasTrack:
     """From the state vector; the IMU is known where the vehicle has one."""
-    t, dt = sampled(topic), filter_interval(version)
+    t, dt = sampled(topic), _filter_interval(version)
     gyro, accel = (topic.array("states", range(at, at + 3)) / dt for at in (_GYRO, _ACCEL))
-    less = 4 - attitude_elements(version)
+    less = 4 - _attitude_elements(version)
     gyro_sigma, accel_sigma = (
         _sigma(topic.array("covariances", range(at - less, at - less + 3))) / dt for at in (_GYRO, _ACCEL)
     )
@@ -156,12 +156,12 @@ def _state_biases(topic: Topic, name: str, core: int, version: Version, by_devic
     )
 
 
-def attitude_elements(version: Version) -> int:
+def _attitude_elements(version: _Version) -> int:
     """Of EKF2's covariance: the quaternion's, or since PX4 1.15 those of the attitude's error."""
     return 3 if version >= _ERROR_STATE else 4
 
 
-def filter_interval(version: Version) -> float:
+def _filter_interval(version: _Version) -> float:
     """s by which the biases in EKF2's state vector are to be divided.
 
     It held a delta angle and a delta velocity over FILTER_UPDATE_PERIOD_MS (ecl `EKF/estimator_interface.h`): 12 ms in
@@ -189,7 +189,7 @@ _WRAPS = 256  # the counters are uint8
 _LEVEL = 0.1  # a jump whose tilt is a smaller share of it than this is one of the heading
 
 
-def estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
+def _estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
     """All of the instance that flies, in order of time: each at the first row that counts it."""
     switches = lane_changes(*_primary(topics), "EKF2 instance {before} → {core}")
     resets = [*_attitude_resets(topics), *switches]
@@ -262,17 +262,17 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     version = code >> 24, code >> 16 & 255
     actuators, control = pose.actuator_track(topics), pose.control_track(topics)
     let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
-    zero, by_device = pose.origin(topics), imu_instances(topics)
-    used = imu_in_use(topics, by_device)
+    zero, by_device = pose.origin(topics), _imu_instances(topics)
+    used = _imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
     let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
     let_go(topics, "vehicle_acceleration")
-    resets = estimator_resets(topics)
+    resets = _estimator_resets(topics)
     attitude = pose.attitude_track(topics, notes)
     let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
     position = pose.position_track(topics, notes)
     let_go(topics, "vehicle_local_position")
-    series = topic_series(topics, attitude_elements(version), notes)
+    series = topic_series(topics, _attitude_elements(version), notes)
     vehicle = _vehicle(parameters, topics, vehicle_types, release(code))
     return Flight(
         vehicle=vehicle,
@@ -293,13 +293,13 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
         messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
         **aiding_tracks(aiding_series(topics, series, notes), notes, apart=SELECTED_KINDS),
-        biases=bias_tracks(topics, version, by_device),
+        biases=_bias_tracks(topics, version, by_device),
         truth=pose.truth(topics, zero),
         control=control,
         actuators=actuators,
         imu_in_use=used,
         lanes=pose.lanes(topics, zero, by_device),
-        lane_in_use=lane_in_use(topics),
+        lane_in_use=_lane_in_use(topics),
         resets=resets,
         parameter_changes=changed,
     )

@@ -22,14 +22,14 @@ from companion.view.state.live import Curves
 from companion.view.state.trajectory import DisplayTrajectory, Envelope, Errors, Sample
 
 
-def error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
+def _error_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """How far each IMU is from the autopilot since its anchor, and how far it should be."""
     sources = {name: one.errors for name, one in display.by_imu.items()}
     known = (display.replay.t, display.replay.reference_valid.astype(np.float64))
-    return errors_over_time(sources, colours, display.expected, known, has_position=display.replay.has_position)
+    return _errors_over_time(sources, colours, display.expected, known, has_position=display.replay.has_position)
 
 
-def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
+def _horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """The error of the window that ends at each instant, and what the drift table expects of windows of that length."""
     if (result := display.result) is None or not len(result.trailing.t):
         return []
@@ -38,7 +38,7 @@ def horizon_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> 
         allowed = (getattr(expected, quantity.attribute) or 0.0 for quantity in QUANTITIES)
         envelope = Envelope(result.trailing.t[[0, -1]], *(np.full(2, sigma) for sigma in allowed))
     sources, after = {display.source: result.trailing}, f" after {result.horizon_s:g} s"
-    return errors_over_time(sources, colours, envelope, None, after, has_position=display.replay.has_position)
+    return _errors_over_time(sources, colours, envelope, None, after, has_position=display.replay.has_position)
 
 
 def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing]:
@@ -61,7 +61,7 @@ def reading_drawings(display: DisplayTrajectory, flight: Flight) -> list[Drawing
     ]
 
 
-def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
+def _rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
     """How often each IMU and the autopilot's estimate came, and the longest gaps in them."""
     tracks: list[tuple[str, Rgb, Array, tuple[float, ...] | None]] = [
         (name, colours[name], track.t, None) for name, track in flight.imus.items()
@@ -80,7 +80,7 @@ def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
     ]
 
 
-def errors_over_time(
+def _errors_over_time(
     sources: Mapping[str, Errors],
     colours: Mapping[str, Rgb],
     envelope: Envelope | None,
@@ -121,11 +121,11 @@ def errors_over_time(
     return drawings
 
 
-BINS = 120
+_BINS = 120
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rates:
+class _Rates:
     """One message, in equal stretches of time."""
 
     t: Array  # (B,) s, boot clock, middle of each stretch
@@ -133,7 +133,7 @@ class Rates:
     gap_s: Array  # (B,) the longest time between two messages that reaches into it
 
 
-def rates(t: Array, first: float, last: float, bins: int = BINS) -> Rates:
+def rates(t: Array, first: float, last: float, bins: int = _BINS) -> _Rates:
     """The rates and gaps of messages at `t` (N,) s, between two times (s): a second a stretch, or longer ones.
 
     A message that is late is a gap in every stretch that it is missed in; before the first and after the last too.
@@ -150,11 +150,11 @@ def rates(t: Array, first: float, last: float, bins: int = BINS) -> Rates:
     np.maximum.at(gap, end, waits)
     for i in np.flatnonzero(end > begin + 1):  # a gap over several stretches
         gap[begin[i] : end[i] + 1] = np.maximum(gap[begin[i] : end[i] + 1], waits[i])
-    return Rates((edges[:-1] + edges[1:]) / 2, hz, gap)
+    return _Rates((edges[:-1] + edges[1:]) / 2, hz, gap)
 
 
-LEAST_DRIFT = 1e-6  # of any unit that is shown
-DRIFT_QUANTITIES = {
+_LEAST_DRIFT = 1e-6  # of any unit that is shown
+_DRIFT_QUANTITIES = {
     "Attitude, ° after so many s": "attitude_deg",
     "Velocity, m/s": "velocity_mps",
     "Position, m": "position_m",
@@ -170,10 +170,10 @@ def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | No
             rows.append((row.horizon_s, measured.median, measured.p95, sigma, 3 * sigma))
     if len(rows) < 2:
         return None
-    return tuple(np.maximum(column, LEAST_DRIFT) for column in np.array(sorted(rows)).T)
+    return tuple(np.maximum(column, _LEAST_DRIFT) for column in np.array(sorted(rows)).T)
 
 
-def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[LogDrawing]:
+def _drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> list[LogDrawing]:
     """The drift table, in the colour of the IMU."""
     if display.result is None:
         return []
@@ -185,17 +185,17 @@ def drift_drawings(display: DisplayTrajectory, colours: Mapping[str, Rgb]) -> li
         ("3σ", palette.CURSOR, 1.4, DOTTED),
     )
     assessment = display.result.assessment
-    charts = ((title, drift_lines(assessment, quantity)) for title, quantity in DRIFT_QUANTITIES.items())
+    charts = ((title, drift_lines(assessment, quantity)) for title, quantity in _DRIFT_QUANTITIES.items())
     return [LogDrawing(title, "after, s", styles, lines, points=True) for title, lines in charts if lines is not None]
 
 
-NOISE_TITLES = (
+_NOISE_TITLES = (
     "Gyro in flight, mdps/√Hz over Hz",
     "Accelerometer in flight, µg/√Hz over Hz",
     "Gyro at rest, Allan deviation, mdps over s",
     "Accelerometer at rest, Allan deviation, µg over s",
 )
-NOISE_STYLES: tuple[LineStyle, ...] = (
+_NOISE_STYLES: tuple[LineStyle, ...] = (
     *((name, colour, 1.5, None) for name, colour in zip(AXES, palette.AXES, strict=True)),
     ("data sheet", palette.CURSOR, 1.4, DASHED),
 )
@@ -209,7 +209,7 @@ def noise_lines(noise: ImuNoise | None) -> list[tuple[Array, ...] | None]:
     An axis that is below quantisation at rest is drawn at its upper bound.
     """
     if noise is None:
-        return [None] * len(NOISE_TITLES)
+        return [None] * len(_NOISE_TITLES)
     gyro, accel = noise.imu_spec.gyro.noise_density, noise.imu_spec.accel.noise_density
     spectrum, rest = noise.flight.spectrum if noise.flight else None, noise.rest
     return [
@@ -243,30 +243,30 @@ def _allan(
     return (curve.tau, *(factor * np.maximum(line, 0.1 * seen.min()) for line in lines), factor * sheet * fall)
 
 
-def noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
+def _noise_drawings(display: DisplayTrajectory) -> list[LogDrawing]:
     """Spectra in flight and Allan deviations at rest, as far as there are any."""
-    charts = zip(NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
-    return [LogDrawing(title, "Hz or s", NOISE_STYLES, lines) for title, lines in charts if lines is not None]
+    charts = zip(_NOISE_TITLES, noise_lines(display.result.noise if display.result else None), strict=True)
+    return [LogDrawing(title, "Hz or s", _NOISE_STYLES, lines) for title, lines in charts if lines is not None]
 
 
-HORIZON, NOISE = "Errors over the horizon", "IMU noise"
+_HORIZON, _NOISE = "Errors over the horizon", "IMU noise"
 Draw = Callable[[DisplayTrajectory, Flight, Mapping[str, Rgb]], Sequence[Drawing | LogDrawing]]
-PAGES: Mapping[str, Draw] = {
-    "Errors since the anchor": lambda display, _, colours: error_drawings(display, colours),
-    HORIZON: lambda display, _, colours: horizon_drawings(display, colours),
+_PAGES: Mapping[str, Draw] = {
+    "Errors since the anchor": lambda display, _, colours: _error_drawings(display, colours),
+    _HORIZON: lambda display, _, colours: _horizon_drawings(display, colours),
     "IMU readings": lambda display, flight, _: reading_drawings(display, flight),
-    NOISE: lambda display, *_: noise_drawings(display),
-    "Drift by horizon": lambda display, _, colours: drift_drawings(display, colours),
-    "Rates and gaps": lambda _, flight, colours: rate_drawings(flight, colours),
+    _NOISE: lambda display, *_: _noise_drawings(display),
+    "Drift by horizon": lambda display, _, colours: _drift_drawings(display, colours),
+    "Rates and gaps": lambda _, flight, colours: _rate_drawings(flight, colours),
 }
-NOTHING = {
-    HORIZON: "No window of this length can be used.",
-    NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
+_NOTHING = {
+    _HORIZON: "No window of this length can be used.",
+    _NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
 }
 """Why a page is empty once the analysis has come."""
 
 
-CHARTS = 3
+_CHARTS = 3
 _ZOOM = "Drag over a chart to zoom in, double-click to see all of it again"
 
 
@@ -275,13 +275,13 @@ class ChartPages:
 
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
-        page = gui.add_dropdown("Charts", tuple(PAGES), hint=_ZOOM)
+        page = gui.add_dropdown("Charts", tuple(_PAGES), hint=_ZOOM)
         controls.on_change(page, self.pick)
-        self._charts = [Chart(gui) for _ in range(CHARTS)]
-        self._log_charts = [LogChart(gui) for _ in NOISE_TITLES]
+        self._charts = [Chart(gui) for _ in range(_CHARTS)]
+        self._log_charts = [LogChart(gui) for _ in _NOISE_TITLES]
         self.charts: list[Chart | LogChart] = [*self._charts, *self._log_charts]
         self._hint = gui.add_html("", visible=False)
-        self._shown, self._now = next(iter(PAGES)), 0.0
+        self._shown, self._now = next(iter(_PAGES)), 0.0
 
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
@@ -297,7 +297,7 @@ class ChartPages:
 
     def pick(self, page: str) -> None:
         """Show another page of charts."""
-        if page in PAGES:
+        if page in _PAGES:
             self._shown = page
             self._draw()
 
@@ -308,17 +308,17 @@ class ChartPages:
             chart.show(sample.t, still=still)
 
     def _draw(self) -> None:
-        drawn = PAGES[self._shown](self._display, self._flight, self._colours)
+        drawn = _PAGES[self._shown](self._display, self._flight, self._colours)
         for chart, drawing in zip_longest(self._charts, (one for one in drawn if isinstance(one, Drawing))):
             chart.draw(drawing, self.part)
         for log_chart, log in zip_longest(self._log_charts, (one for one in drawn if isinstance(one, LogDrawing))):
             log_chart.draw(log)
         self._hint.visible = not drawn
-        why = "Analysis in progress." if self._display.result is None else NOTHING.get(self._shown, "")
+        why = "Analysis in progress." if self._display.result is None else _NOTHING.get(self._shown, "")
         self._hint.content = block(why)
 
 
-SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
+_SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """s. A new flight begins with short charts: a change of span builds them anew, and forgets how the user has zoomed."""
 
 
@@ -333,13 +333,13 @@ class LiveCharts:
         runs = {"Since anchor": lambda _: self._pick(free=False), "Free run": lambda _: self._pick(free=True)}
         controls.row("Show", runs, _ZOOM)
         self._window, self._picked, self._free = window_s, picked, False
-        self.charts = [Chart(controls.gui, time="s before now") for _ in range(CHARTS)]
+        self.charts = [Chart(controls.gui, time="s before now") for _ in range(_CHARTS)]
 
     def show(self, curves: Curves, now: float, verdict: LiveVerdict) -> None:
         """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
         errors, known = (curves.free, curves.free_known) if self._free else (curves.errors, curves.known)
-        span = next((s for s in SPANS if s >= min(-float(errors.t[0]), self._window)), self._window)
-        drawings = errors_over_time(
+        span = next((s for s in _SPANS if s >= min(-float(errors.t[0]), self._window)), self._window)
+        drawings = _errors_over_time(
             {"": errors},
             {"": palette.FREE if self._free else palette.IMU},
             None if self._free else expected_over(curves, verdict),

@@ -22,18 +22,18 @@ from companion.view.state.places import MapPicture
 from companion.view.state.sending import by_shape
 from companion.view.state.trajectory import DisplayTrajectory, Sample
 
-EM = 12.0  # pixels of viser's labels, times their scale
+_EM = 12.0  # pixels of viser's labels, times their scale
 _LETTER, _LINE = 0.6, 1.6  # em: the width of a letter, the height of a line with its ground
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Box:
+class _Box:
     """What is taken of a picture, pixels from its middle, right and up."""
 
     low: Array  # (2,)
     high: Array  # (2,)
 
-    def overlaps(self, other: Box) -> bool:
+    def overlaps(self, other: _Box) -> bool:
         """Whether both share a pixel."""
         return bool((self.low < other.high).all() and (other.low < self.high).all())
 
@@ -59,26 +59,26 @@ class Picture:
         scale = self.size[1] / (2 * TANGENT * depth)
         return np.array([scale * float(offset @ np.cross(along, up)), scale * float(offset @ up)])
 
-    def around(self, point: Array, metres: float) -> Box | None:
+    def around(self, point: Array, metres: float) -> _Box | None:
         """A square so many metres wide."""
         place = self.at(point)
         if place is None:
             return None
         depth = float(np.linalg.norm(self.pose.apply(point) - self.eye))
         half = metres / 2 * self.size[1] / (2 * TANGENT * depth)
-        return Box(place - half, place + half)
+        return _Box(place - half, place + half)
 
-    def box(self, name: viser.LabelHandle, place: Array) -> Box | None:
+    def box(self, name: viser.LabelHandle, place: Array) -> _Box | None:
         """Of a name that stands at a place (NED, m)."""
         middle = self.at(place)
         if middle is None:
             return None
-        em = EM * name.font_screen_scale
+        em = _EM * name.font_screen_scale
         half = np.array([0.5 * _LETTER * len(name.text), 0.5 * _LINE]) * em
         middle = middle + np.array([0.0, {"top": -1, "bottom": 1}.get(name.anchor.partition("-")[0], 0) * half[1]])
-        return Box(middle - half, middle + half)
+        return _Box(middle - half, middle + half)
 
-    def shows(self, box: Box) -> bool:
+    def shows(self, box: _Box) -> bool:
         """Whether nothing of it is cut off at the sides."""
         half = self.size[0] / 2
         return bool(box.low[0] >= -half and box.high[0] <= half)
@@ -89,7 +89,7 @@ def unseen(camera: Camera) -> Picture:
     return Picture(camera.position, camera.look_at, (1280.0, 800.0))
 
 
-def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tuple[viser.LabelHandle, bool]]) -> None:
+def _give_way(picture: Picture, taken: Iterable[_Box | None], names: Iterable[tuple[viser.LabelHandle, bool]]) -> None:
     """Show those names, if they are wanted, that lie on nothing that is taken, nor on one before them.
 
     names: each stands in the world itself, so that its position is NED, m.
@@ -103,7 +103,7 @@ def give_way(picture: Picture, taken: Iterable[Box | None], names: Iterable[tupl
             boxes.append(box)
 
 
-GREY = (90, 90, 90)
+_GREY = (90, 90, 90)
 _EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Turns viser's pictures, whose right is x and whose foot is y, so that their right is east and their foot south."""
 
@@ -115,11 +115,11 @@ class Ground:
         self._grid = scene.add_grid(f"{root}/grid", plane="xy", infinite_grid=True, shadow_opacity=0.0)
         # Seen on a light page and on a dark one: each browser has its own.
         self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
-        self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
+        self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), _GREY)
         self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
         self._crosses = [
             (
-                add_lines(scene, f"{root}/{name.lower()}", GREY, 3.0),
+                add_lines(scene, f"{root}/{name.lower()}", _GREY, 3.0),
                 scene.add_label(f"{root}/{name.lower()}_name", name, anchor="top-center", visible=False),
             )
             for name in ("Start", "Home")
@@ -192,7 +192,7 @@ class Ground:
         self._grid.section_size = 5 * cell
 
 
-NAME = 0.42  # spans from a drone to its name
+_NAME = 0.42  # spans from a drone to its name
 
 
 class Scene:
@@ -308,12 +308,12 @@ class Scene:
         """
         imu, autopilot = picture.at(sample.position_imu), picture.at(sample.position_ref)
         imu_above = imu is None or autopilot is None or imu[1] >= autopilot[1]
-        self.imu.resize(span, name_at=-NAME if imu_above else NAME)
-        self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
+        self.imu.resize(span, name_at=-_NAME if imu_above else _NAME)
+        self.autopilot.resize(span, name_at=_NAME if imu_above else -_NAME)
         self.arrows.resize(span)
         self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
         for i, (body, _) in enumerate(self._imus[1:], 2):
-            body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
+            body.resize(span, name_at=1.5 * _NAME * i)  # each a line lower
         if self._has_position:
             self._name_distance(sample, span)
         drones = [(self.imu, sample.position_imu), (self.autopilot, sample.position_ref)]
@@ -322,7 +322,7 @@ class Scene:
         names.append((self._error_name, sample.position_ref + self._error_name.position))
         taken = [picture.around(place, span) for _, place in drones]
         taken += [picture.box(name, place) for name, place in names if name.visible]
-        give_way(picture, taken, [self.overview.name, *self.ground.names])
+        _give_way(picture, taken, [self.overview.name, *self.ground.names])
 
     def _name_distance(self, sample: Sample, span: float) -> None:
         # On the line when there is room between the drones, else one name for both.

@@ -306,7 +306,7 @@ class LiveTrails:
             self._ball.radius = radius
 
 
-MOST_POINTS = OUTLINE
+_MOST_POINTS = OUTLINE
 """Of each path: they never move, but software WebGL draws each of their lines in every picture."""
 _WORST_POINTS = 60
 _PALE: Rgb = (205, 205, 205)
@@ -339,14 +339,14 @@ class Overview:
         replay = display.replay
         self._display, self._anchor, self._colour = display, -1, colour
         kept = np.union1d(
-            by_shape(replay.position_ref, MOST_POINTS // 2, outline), evenly(len(replay.t), MOST_POINTS // 2)
+            by_shape(replay.position_ref, _MOST_POINTS // 2, outline), evenly(len(replay.t), _MOST_POINTS // 2)
         )
         lines, ends = segments(replay.position_ref, kept.astype(np.intp), display.restarts[:0])
         # Anew: viser 1.1 draws no other colours for points that stay as they are.
         self._scene.add_line_segments(
             self._name,
             lines if len(lines) else NOTHING,
-            sigma_colours(sigmas_along(display, replay.t[ends])) if len(lines) else palette.UNKNOWN,
+            _sigma_colours(sigmas_along(display, replay.t[ends])) if len(lines) else palette.UNKNOWN,
             thickness=2.4,
             thickness_units="screen",
             visible=len(lines) > 0,
@@ -383,10 +383,10 @@ class Overview:
             # Up to the last sample before the next anchor, where it jumps back to the autopilot.
             part = slice(*np.searchsorted(replay.t, [start, bounds[anchor + 1]]).tolist())
             shade = np.array(palette.mix(self._colour, _PALE, 0.55), dtype=np.uint8)
-            _draw(self._arc, _simple(replay.position_imu[part], MOST_POINTS // 4), shade)
+            _draw(self._arc, _simple(replay.position_imu[part], _MOST_POINTS // 4), shade)
 
 
-def sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
+def _sigma_colours(sigmas: Array) -> npt.NDArray[np.uint8]:
     """(M, 2, 3) the colours of lines that end with so many σ (M,), NaN for unknown: see `palette.SIGMAS`."""
     stops, colours = (np.array(column) for column in zip(*palette.SIGMAS, strict=True))
     mixed = interpolated(sigmas, stops, colours)
@@ -446,14 +446,14 @@ class ExtraPaths:
 
 def dots(positions: Array, size: float) -> Segments:
     """Lines (M, 2, 3) so short, m, that each looks like a dot."""
-    kept = np.union1d(evenly(len(positions), MOST_POINTS // 2), by_shape(positions, MOST_POINTS // 2))
+    kept = np.union1d(evenly(len(positions), _MOST_POINTS // 2), by_shape(positions, _MOST_POINTS // 2))
     points = positions[kept]
     return np.stack([points, points + np.array([size, 0.0, 0.0])], axis=1).astype(np.float32)
 
 
 def dashes(positions: Array) -> tuple[Segments, npt.NDArray[np.uint8]]:
     """A path (N, 3) as lines (M, 2, 3) with their colours: dark and light in turn, each dash as long as the others."""
-    points = positions[by_shape(positions, MOST_POINTS)]
+    points = positions[by_shape(positions, _MOST_POINTS)]
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     distinct = np.concatenate([[True], np.diff(along) > 0])
     points, along = points[distinct], along[distinct]

@@ -137,9 +137,9 @@ def accepted(raw: object) -> bool:
     return True
 
 
-ALIVE = "/companion-alive"
+_ALIVE = "/companion-alive"
 """Requested by an open page, to know whether companion is still there."""
-REMEMBERED = "/companion-remembered"
+_REMEMBERED = "/companion-remembered"
 """Requested by a page that has just been opened, with the instant and the IMU that it showed last."""
 _TITLE = re.compile(rb"<title>.*?</title>", re.DOTALL)
 _ICON = re.compile(rb'<link\s+rel="icon".*?/>', re.DOTALL)
@@ -148,7 +148,7 @@ _log_of_connections = logging.getLogger(f"{__name__}.connections")
 _log_of_connections.propagate = False  # a request that is none is no traceback in a terminal
 _log_of_connections.addHandler(logging.NullHandler())
 
-MOST_BROWSERS = 32
+_MOST_BROWSERS = 32
 _PROTOCOL_ERROR, _TRY_AGAIN_LATER = 1002, 1013  # WebSocket close codes
 _COOKIE_DAYS = 30
 _HEADERS = {
@@ -233,9 +233,9 @@ def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited
             return connection.respond(
                 http.HTTPStatus.FORBIDDEN, "Open the whole address that companion has printed, with the token in it.\n"
             )
-        if address.path in (ALIVE, REMEMBERED):
+        if address.path in (_ALIVE, _REMEMBERED):
             # No other site's page moves what is shown.
-            if address.path == REMEMBERED and headers.get("Sec-Fetch-Site") == "same-origin":
+            if address.path == _REMEMBERED and headers.get("Sec-Fetch-Site") == "same-origin":
                 visited(t, imu, True)
             return connection.respond(http.HTTPStatus.NO_CONTENT, "")
         if not address.query or headers.get("Upgrade") == "websocket":
@@ -262,7 +262,7 @@ def _filtered(handler: Handler) -> Handler:
         if connection.subprotocol != protocol:
             await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
             return
-        if len(present) >= MOST_BROWSERS:
+        if len(present) >= _MOST_BROWSERS:
             await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
             return
         present.add(connection)
@@ -304,7 +304,7 @@ def _ours(there: Response | None) -> Response | None:
         return there
     if not there.headers.get("Content-Type", "").startswith("text/html"):
         return there
-    there.body = dressed(bytes(there.body), there.headers.get("Content-Encoding", "identity"))
+    there.body = _dressed(bytes(there.body), there.headers.get("Content-Encoding", "identity"))
     del there.headers["Content-Length"]
     there.headers["Content-Length"] = str(len(there.body))
     return there
@@ -339,7 +339,7 @@ def _is_number(name: str) -> bool:
 
 
 @functools.lru_cache(maxsize=4)
-def dressed(body: bytes, encoding: str) -> bytes:
+def _dressed(body: bytes, encoding: str) -> bytes:
     """viser's page with our title, icon and script. encoding: "gzip" or "identity", of `body` and of what comes back.
 
     Raises RuntimeError for a page that has not what viser 1.1's has.

@@ -130,7 +130,7 @@ class Envelope:
         return np.asarray((1 - share) * self.covariance[i] + share * self.covariance[i + 1])
 
 
-def envelope_of(expected: Expectation) -> Envelope:
+def _envelope_of(expected: Expectation) -> Envelope:
     """The lengths and the position's covariance of an expectation, finite."""
     attitude, velocity, position = map(_bounded, expected.lengths)
     return Envelope(expected.t, attitude, velocity, position, _bounded(expected.covariance[:, 6:9, 6:9], MOST**2))
@@ -232,7 +232,7 @@ def with_result(shown: DisplayTrajectory, result: AnalysisResult) -> DisplayTraj
     """The same with its analysis, and with the anchor that the analysis adds."""
     if result.replay is not None:
         shown = replace(display_trajectory(result.replay, shown.track), others=shown.others)
-    return replace(shown, result=result, expected=envelope_of(result.expected) if result.expected else None)
+    return replace(shown, result=result, expected=_envelope_of(result.expected) if result.expected else None)
 
 
 def display_trajectory(
