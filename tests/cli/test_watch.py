@@ -1,9 +1,13 @@
-"""`companion watch` as services run it: JSON lines, a recording, an exit code; what it tells others, and when."""
+"""`companion watch` as services run it: JSON lines, a recording, an exit code; what it tells others, and when.
+
+`companion watch-folder`: a log is judged when it is whole, and not before.
+"""
 
 from __future__ import annotations
 
 import json
 import shlex
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -12,19 +16,21 @@ from typing import Any
 import pytest
 
 import companion as c
+from companion.app.settings import Settings
 from companion.cli import main, watch
+from companion.cli.watch import settled, verdicts
 from companion.links.requests import ALLOWED_MESSAGES
 from tests.processes import COMPANION, ended, next_line, started
 from tests.simulated import flying, free_port
+from tests.tlogs import resting
 from tests.waiting import wait_for
-
-pytestmark = pytest.mark.slow
 
 
 def lines(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
+@pytest.mark.slow
 def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Path) -> None:
     port = free_port()
     command = f"{shlex.quote(sys.executable)} -c \"import sys; open('changes', 'a').write(sys.stdin.read() + chr(10))\""
@@ -57,6 +63,7 @@ def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Pa
     assert flight.barometers
 
 
+@pytest.mark.slow
 def test_it_waits_for_the_vehicle_and_fails_when_none_comes(capsys: pytest.CaptureFixture[str]) -> None:
     silent = f"udpin:127.0.0.1:{free_port()}"
     assert main(["watch", silent, "--no-record", "--duration", "0.5"]) == 2
@@ -73,6 +80,7 @@ def line_of(status: str, age_s: float = 0.0) -> dict[str, Any]:
     return {"vehicle": "1:1", "status": status, "age_s": age_s}
 
 
+@pytest.mark.slow
 def test_ground_stations_are_told_of_changes_and_not_of_more(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("companion.cli.watch.time.monotonic", lambda: clock[0])
@@ -101,6 +109,7 @@ def test_ground_stations_are_told_of_changes_and_not_of_more(monkeypatch: pytest
     assert all(len(text) <= 50 for text in sent)
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_or_hangs_holds_nobody_up(capsys: pytest.CaptureFixture[str]) -> None:
     changes = watch._Changes(None, ["/no/such/command"], announces=False)  # type: ignore[arg-type]
     assert changes.take(line_of("consistent"))
@@ -113,11 +122,13 @@ def test_a_command_that_fails_or_hangs_holds_nobody_up(capsys: pytest.CaptureFix
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_command_line_that_is_none_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", f"udpin:127.0.0.1:{free_port()}", "--no-record", "--on-change", "notify 'x"]) == 2
     assert "is not a command: No closing quotation" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_cannot_be_said_does_not_end_the_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,3 +141,54 @@ def test_what_cannot_be_said_does_not_end_the_recording(
         assert main(["watch", f"udpin:127.0.0.1:{port}", "-o", str(path), "--duration", "3"]) == 0
     assert "(ValueError: out of range); the recording goes on" in capsys.readouterr().err
     assert path.stat().st_size > 1000
+
+
+pytest.importorskip("watchfiles", reason="no watchfiles here: pip install 'mavlink-companion[watch]'")
+
+
+def test_a_log_is_whole_when_it_has_not_grown_for_a_while(tmp_path: Path) -> None:
+    log = tmp_path / "a.tlog"
+    log.write_bytes(b"1")
+    growing = {log: (-1, 0.0), tmp_path / "gone.part": (-1, 0.0)}
+    assert settled(growing, 3.0, 10.0) == []
+    assert list(growing) == [log], "a download's temporary name is gone"
+    assert settled(growing, 3.0, 12.9) == []
+    log.write_bytes(b"12")
+    assert settled(growing, 3.0, 13.5) == [], "it has grown"
+    assert settled(growing, 3.0, 16.4) == []
+    assert settled(growing, 3.0, 16.5) == [log]
+    assert growing == {}
+
+
+def test_what_is_no_log_is_passed_over_and_a_broken_one_is_told(tmp_path: Path) -> None:
+    (tmp_path / "firmware.bin").write_bytes(bytes(1000))
+    (tmp_path / "empty.tlog").write_bytes(b"")
+    (tmp_path / "broken.tlog.gz").write_bytes(b"\x1f\x8b broken")
+    told = [line for path in sorted(tmp_path.iterdir()) for line in verdicts(path, tmp_path, Settings())]
+    assert [line["log"] for line in told] == ["broken.tlog.gz"]
+    assert "error" in told[0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C of another process")
+def test_each_log_that_comes_is_judged_and_a_command_hears_of_it(tmp_path: Path) -> None:
+    folder, heard = tmp_path / "logs", tmp_path / "heard.txt"
+    (folder / "QUADROTOR").mkdir(parents=True)
+    log = resting(tmp_path / "rest.tlog")
+    shutil.copy(log, folder / "old.tlog")
+    script = tmp_path / "hear.py"
+    script.write_text(f"import sys; open({str(heard)!r}, 'a').write(sys.stdin.read() + chr(10))")
+    options = ["--json", "--existing", "--settle", "0.2", "--run", f"{sys.executable} {script}"]
+    with started(*COMPANION, "watch-folder", str(folder), *options) as process:
+        first = json.loads(next_line(process, process.stdout))
+        shutil.copy(log, folder / "QUADROTOR" / "new.tlog")
+        second = json.loads(next_line(process, process.stdout))
+        ended(process, signal.SIGINT)
+    assert process.returncode == 0
+    assert [first["log"], second["log"]] == ["old.tlog", str(Path("QUADROTOR", "new.tlog"))]
+    assert {first["status"], second["status"]} == {"insufficient_data"}
+    assert [json.loads(line) for line in heard.read_text().splitlines()] == [first, second]
+
+
+def test_a_folder_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch-folder", str(tmp_path / "none")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
