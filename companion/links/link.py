@@ -53,7 +53,7 @@ class LinkHealth:
 
 
 class Link:
-    """Frames from vehicles, and requests to them. Survives whatever the peer does; see `ports`.
+    """Frames from vehicles, and requests to them. Survives whatever the peer does; see `transports`.
 
     address: see `parse_address`. listen_only: nothing is ever sent. sysid, compid: who the companion is.
     patience_s: how long bytes without one frame in them are put up with. signing_key: 32 bytes; what is sent is signed
