@@ -17,11 +17,10 @@ import numpy as np
 from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
-from companion.estimation.hypotheses import Problem
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.system import Solution
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
 REAL = (
@@ -57,12 +56,12 @@ def lambdas(flight: Flight) -> dict[str, float]:
     """λ of each sensor of a healthy flight. Raises DataError where the IMU carries no estimate."""
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     _, linear = estimate(setup, start_of(setup, first_guess(setup, flight)))
-    return of_solution(linear.problem, linear.solution)
+    return of_solution(linear)
 
 
-def of_solution(problem: Problem, solution: Solution) -> dict[str, float]:
+def of_solution(problem: Problem) -> dict[str, float]:
     """λ of each sensor that has a hypothesis in the problem."""
-    grid = scan(problem, solution, _ONSETS)
+    grid = scan(problem, _ONSETS)
     t = grid.cuts
     margin = _MARGIN * (t[-1] - t[0])
     onsets = np.flatnonzero((t > t[0] + margin) & (t < t[-1] - margin))

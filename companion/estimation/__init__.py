@@ -10,7 +10,6 @@ from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import in_blocks
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import fault_of_size, harmful, probabilities
-from companion.estimation.gaps import clip_counters
 from companion.estimation.hypotheses import (
     AIDING,
     HYPOTHESES,
@@ -20,7 +19,7 @@ from companion.estimation.hypotheses import (
     main_axis,
     turn_of_the_field,
 )
-from companion.estimation.low_pass import restored
+from companion.estimation.losses import clip_counters, restored
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,

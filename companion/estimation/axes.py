@@ -17,7 +17,6 @@ import numpy.typing as npt
 from companion.constants import healthy, num
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import Start, estimate, in_noise, likelihood, start_of
-from companion.estimation.learned_noise import scatter
 from companion.estimation.model import BestEstimate
 from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.estimation.smoother import Adaptation, boundary, next_adaptation
@@ -177,7 +176,7 @@ def _likeliest(tried: _Tried) -> float:
     try:
         with boundary(setup.imu.source):
             settled, linear = estimate(setup, start)
-            adaptation = next_adaptation(setup, start, settled, linear, (), scatter(setup))
+            adaptation = next_adaptation(setup, start, settled, linear, ())
     except NoEstimateError:
         return tried.likelihood
     without = likelihood(settled, linear)

@@ -48,13 +48,6 @@ class Factor:
     last: Array  # (1, n, n) inverse of what remains
     scale: Array  # (K, n) the unknowns' scale: A was divided by it on both sides
 
-    @property
-    def logdet(self) -> float:
-        """The logarithm of the determinant of A."""
-        inverse = [level.inverse for level in self.levels]
-        rest = sum(float(np.linalg.slogdet(blocks)[1].sum()) for blocks in (*inverse, self.last))
-        return 2.0 * float(np.log(self.scale).sum()) - rest
-
     def solve(self, rhs: Array) -> Array:
         """x (K, n, m) with A x = rhs (K, n, m)."""
         scale = (1.0 / self.scale)[..., None]

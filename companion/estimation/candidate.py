@@ -9,12 +9,12 @@ from functools import reduce
 import numpy as np
 
 from companion.constants import num, priors
-from companion.estimation.differences import Differences, Error, score_of_own
+from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, grows_for
-from companion.estimation.hypotheses import Hypothesis, Problem, Signature
+from companion.estimation.hypotheses import Hypothesis, Signature
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
 from companion.estimation.shapes import activation
-from companion.estimation.system import Prior, Solution
+from companion.estimation.system import Problem
 from companion.model import Array
 
 
@@ -51,13 +51,10 @@ class Candidate:
         """The same as one of several."""
         return Rival(self.hypothesis.name, self.shape, self.log_odds, self.fault, self.imu)
 
-    @property
-    def error(self) -> Error | None:
-        """The same as an error of an IMU; None of another sensor."""
-        if self.hypothesis.device != "imu":
-            return None
-        hypothesis = self.hypothesis
-        return Error(hypothesis.sensor, hypothesis.error, hypothesis.prior, self.shape, self.onset, self.end, self.axis)
+    def explained(self, size: Array, sigma: Array, rivals: tuple[Rival, ...], place: slice | None = None) -> Explained:
+        """The same once it is accepted, with its size and what else it could have been."""
+        return Explained(self.hypothesis.name, self.shape, self.onset, self.onset_sigma, self.end, size, sigma, rivals,
+                         self.imu, place)  # fmt: skip
 
     def of(self, problem: Problem) -> Signature | None:
         """The signature of what changes; None for what changes nothing of the estimate."""
@@ -73,13 +70,13 @@ class Candidate:
         )
 
 
-def with_candidate(problem: Problem, prior: Prior, candidate: Candidate) -> tuple[Problem, Prior]:
+def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
     """The problem with the sizes of a hypothesis as further unknowns."""
     signature = candidate.of(problem)
     mean, sigma = _from_differences(problem, candidate)
     problem = beside(problem, candidate)
     if signature is None:
-        return problem, prior
+        return problem
     onset, end = np.array([candidate.onset]), np.array([candidate.end])
     motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
     column = np.zeros((*motion.residual.shape, m))
@@ -94,14 +91,12 @@ def with_candidate(problem: Problem, prior: Prior, candidate: Candidate) -> tupl
             shape = candidate.hypothesis.shape_at(one.name, candidate.shape)
             own = signature.measurements[one.name] * activation(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
-    return (
-        replace(problem, motion=motion, measurements=tuple(measurements)),
-        replace(
-            prior,
-            constants_residual=np.concatenate((prior.constants_residual, mean - candidate.taken)),
-            constants_sigma=np.concatenate((prior.constants_sigma, sigma)),
-        ),
+    prior = replace(
+        problem.prior,
+        constants_residual=np.concatenate((problem.prior.constants_residual, mean - candidate.taken)),
+        constants_sigma=np.concatenate((problem.prior.constants_sigma, sigma)),
     )
+    return replace(problem, motion=motion, measurements=tuple(measurements), prior=prior)
 
 
 def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:
@@ -109,8 +104,8 @@ def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Ar
     times = np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1])
     over = grows_for(candidate.shape, *times, priors.RAMP_S)  # s in which a likely size is reached
     b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(over[0])) ** -2.0)
-    if (one := candidate.error) is not None and candidate.imu is None and problem.others:
-        gradient, information = score_of_own(problem.others, one.sensor, one.what, one.shape, *times[:2])
+    if candidate.hypothesis.device == "imu" and candidate.imu is None and problem.others:
+        gradient, information = score_of_own(problem.others, candidate.hypothesis, candidate.shape, *times[:2])
         b, v = gradient[0], v + np.diagonal(information[0])
         if candidate.axis >= 0:
             b, v = b[candidate.axis : candidate.axis + 1], v[candidate.axis : candidate.axis + 1]
@@ -121,16 +116,14 @@ def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Ar
 
 def beside(problem: Problem, candidate: Candidate) -> Problem:
     """The problem whose differences between IMUs leave a candidate free."""
-    error = candidate.error
-    if error is None:
+    if candidate.hypothesis.device != "imu":
         return problem
-    others = (one.beside(error) if candidate.imu in (None, one.instance) else one for one in problem.others)
+    others = (one.beside(candidate) if candidate.imu in (None, one.instance) else one for one in problem.others)
     return replace(problem, others=tuple(others))
 
 
 def explained(
     problem: Problem,
-    solution: Solution,
     accepted: Sequence[Candidate],
     rivals: Sequence[tuple[Rival, ...]],
     differences: Sequence[Differences],
@@ -139,40 +132,23 @@ def explained(
 
     differences: of the other IMUs, before anything was taken out: of their errors they tell the size.
     """
-    out, at, columns = [], CONSTANT_STATES, list[int]()
+    solution, at, columns = problem.solution, CONSTANT_STATES, list[int]()
+    out = list[tuple[Candidate, tuple[Rival, ...], Array, slice]]()
     for candidate, others in zip(accepted, rivals, strict=True):
-        signature = candidate.of(problem)
-        if signature is None:
+        if candidate.imu is not None or (whole := candidate.hypothesis.signature(problem)) is None:
             continue
-        m = signature.unknowns
-        whole = candidate.hypothesis.signature(problem)
-        width = m if candidate.axis < 0 or whole is None else whole.unknowns
-        place = slice(None) if candidate.axis < 0 else slice(candidate.axis, candidate.axis + 1)
-        own = np.full(width, -1)
-        own[place] = np.arange(at, at + m)
-        size = np.zeros(width)
-        size[place] = solution.c[at : at + m] + candidate.taken
-        out.append((candidate, others, size, slice(len(columns), len(columns) + width)))
+        own = np.full(whole.unknowns, -1)  # where its components stand in the solution: -1 for what does not change
+        changed = own if candidate.axis < 0 else own[candidate.axis : candidate.axis + 1]
+        changed[:] = at + np.arange(len(changed))
+        at += len(changed)
+        size = np.where(own >= 0, solution.c[own] + candidate.taken, 0.0)
+        out.append((candidate, others, size, slice(len(columns), len(columns) + len(own))))
         columns += own.tolist()
-        at += m
     known = np.array(columns, dtype=np.intp)
     covariance = solution.constants_covariance[np.ix_(known, known)] * np.outer(known >= 0, known >= 0)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    parts = tuple(
-        Explained(
-            kind=candidate.hypothesis.name,
-            shape=candidate.shape,
-            onset=candidate.onset,
-            onset_sigma=candidate.onset_sigma,
-            end=candidate.end,
-            size=size,
-            sigma=sigma[place],
-            rivals=others,
-            place=place,
-        )
-        for candidate, others, size, place in out
-    )
-    parts = (*parts, *_of_others(accepted, rivals, differences))
+    parts = [one.explained(size, sigma[place], others, place) for one, others, size, place in out]
+    parts += _of_others(accepted, rivals, differences)
     return tuple(sorted(parts, key=lambda one: one.onset)), covariance
 
 
@@ -180,13 +156,9 @@ def _of_others(
     accepted: Sequence[Candidate], rivals: Sequence[tuple[Rival, ...]], differences: Sequence[Differences]
 ) -> Iterator[Explained]:
     """Errors of other IMUs than the estimate's, by what these read more than it, its own errors free."""
-    own = [one.error for one in accepted if one.imu is None and one.error is not None]
+    own = [one for one in accepted if one.imu is None and one.hypothesis.device == "imu"]
     for whole in differences:
         other = reduce(Differences.beside, own, whole)
         mine = [i for i, one in enumerate(accepted) if one.imu == other.instance]
-        errors = [error for i in mine if (error := accepted[i].error) is not None]
-        for i, (size, sigma) in zip(mine, other.sizes(errors), strict=True):
-            one = accepted[i]
-            yield Explained(
-                one.hypothesis.name, one.shape, one.onset, one.onset_sigma, one.end, size, sigma, rivals[i], one.imu
-            )
+        for i, (size, sigma) in zip(mine, other.sizes([accepted[i] for i in mine]), strict=True):
+            yield accepted[i].explained(size, sigma, rivals[i])

@@ -6,17 +6,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from companion.estimation.linearisation import Linear
 from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, ConstantErrors, States
-from companion.estimation.system import Motion, Prior, Solution, solve
+from companion.estimation.system import Motion, Problem
 
 _BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)
 _MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
 
 
-def constant_errors(states: States, solution: Solution, prior: Prior) -> ConstantErrors:
+def constant_errors(states: States, problem: Problem) -> ConstantErrors:
     """The errors that last, about which the problem was made linear and solved."""
-    count = len(states.velocity)
+    count, solution, prior = len(problem.t), problem.solution, problem.prior
     every = np.zeros((*solution.x.shape, 6))
     every[:, _BIASES] = np.eye(6) / count
     by_constants = -solution.border[:, _BIASES].mean(axis=0)  # what the mean changes by with them
@@ -31,12 +30,11 @@ def constant_errors(states: States, solution: Solution, prior: Prior) -> Constan
     return ConstantErrors(np.concatenate([*biases, states.constants[_MATRICES]]), covariance, believed)
 
 
-def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
+def of_first_half(problem: Problem) -> tuple[float, ConstantErrors]:
     """A time in the middle of the flight, s, and the errors by what every aiding sensor reads until then.
 
     The densities and what is explained are those of the whole flight.
     """
-    problem, states = linear.problem, linear.states
     middle = float(0.5 * (problem.t[0] + problem.t[-1]))
     count = int(np.searchsorted(problem.t, middle, side="right"))
     motion = Motion(*(getattr(problem.motion, part.name)[: count - 1] for part in fields(Motion)))
@@ -45,10 +43,10 @@ def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
         until = int(np.searchsorted(one.keyframe, count))
         rows = ("t", "keyframe", "residual", "states", "constants", "sigma", "weight")
         measurements.append(replace(one, **{name: getattr(one, name)[:until] for name in rows}))
-    solution = solve(count, motion, measurements, linear.prior)
     part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias", "slow")
-    begun = replace(states, **{name: getattr(states, name)[:count] for name in part})
-    return middle, constant_errors(begun.moved(solution.x, solution.c), solution, linear.prior)
+    states = replace(problem.states, **{name: getattr(problem.states, name)[:count] for name in part})
+    begun = replace(problem, t=problem.t[:count], motion=motion, measurements=tuple(measurements), states=states)
+    return middle, constant_errors(states.moved(begun.solution.x, begun.solution.c), begun)
 
 
 def allowing(errors: ConstantErrors, gyro_scale: float, accel_scale: float) -> ConstantErrors:

@@ -9,7 +9,8 @@ alone. So two IMUs can contradict an accusation, and three decide which of them 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -19,22 +20,13 @@ from companion.constants import harm, healthy, num
 from companion.estimation.shapes import activation
 from companion.model import Array, Flight, ImuTrack, interpolated
 
-
-@dataclass(frozen=True, slots=True)
-class Error:
-    """An error of an IMU, of unknown size: "gyro" or "accel", its "bias", "scale" or a "shock"."""
-
-    sensor: str
-    what: str
-    prior: float  # 1σ of its size
-    shape: str
-    onset: float  # s
-    end: float
-    axis: int  # the one that it is of; -1 for all
+if TYPE_CHECKING:
+    from companion.estimation.candidate import Candidate
+    from companion.estimation.hypotheses import Hypothesis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Blocks:
+class Differences:
     """Another IMU less the estimate's own in B blocks; "gyro" in rad/s and "accel" in m/s², FRD."""
 
     instance: int
@@ -46,64 +38,60 @@ class Blocks:
     slower: Mapping[str, Array]  # (B, 3) what the slower of the two reads
     scatter: Mapping[str, Array]  # (B, 3) 1σ of the readings' differences
     aliased: Mapping[str, Array]  # (3,) 1σ of what vibration that its samples fold down may read like all the time
+    weight: Mapping[str, Array] = field(default_factory=dict)
+    """(3, B, B) of each axis: inverse covariance, the constant and what is accepted free; empty until `weighed`."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Differences(Blocks):
-    """The same with how well they are known."""
-
-    weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
-
-    def score(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
+    def score(self, hypothesis: Hypothesis, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
         """Gradient b (T, 3) and information V (T, 3, 3) of errors of this IMU from onsets to ends (T,), s.
 
         Of D data sets, values (B, 3, D), b is (T, 3, D).
         Those of the estimate's own IMU have the same V, and -b: see `score_of_own`.
         """
-        columns = self.columns(sensor, what, shape, onset, end)
-        weighed = columns @ self.weight[sensor]
-        b = np.einsum("atb,ba...->ta...", weighed, self.value[sensor])
+        columns = self.columns(hypothesis, shape, onset, end)
+        weighed = columns @ self.weight[hypothesis.sensor]
+        b = np.einsum("atb,ba...->ta...", weighed, self.value[hypothesis.sensor])
         return b, (weighed * columns).sum(axis=2).T[:, :, None] * np.eye(3)
 
-    def beside(self, one: Error) -> Differences:
+    def beside(self, one: Candidate) -> Differences:
         """The same where an error of either IMU is free."""
-        weight = self.weight[one.sensor].copy()
+        sensor = one.hypothesis.sensor
+        weight = self.weight[sensor].copy()
         for a in range(3) if one.axis < 0 else (one.axis,):
             column = self.column(one)[a]
             weighed = weight[a] @ column
-            weight[a] -= np.outer(weighed, weighed) / (column @ weighed + one.prior**-2.0)
-        return replace(self, weight={**self.weight, one.sensor: weight})
+            weight[a] -= np.outer(weighed, weighed) / (column @ weighed + one.hypothesis.prior**-2.0)
+        return replace(self, weight={**self.weight, sensor: weight})
 
-    def sizes(self, errors: Sequence[Error]) -> list[tuple[Array, Array]]:
+    def sizes(self, errors: Sequence[Candidate]) -> list[tuple[Array, Array]]:
         """The size (3,) of each of some errors of this IMU and its 1σ (3,), all of them free together."""
         out = [(np.zeros(3), np.zeros(3)) for _ in errors]
         for sensor in self.value:
             for a in range(3):
-                mine = [i for i, one in enumerate(errors) if one.sensor == sensor and one.axis in (-1, a)]
+                mine = [i for i, one in enumerate(errors) if one.hypothesis.sensor == sensor and one.axis in (-1, a)]
                 if not mine:
                     continue
                 columns = np.array([self.column(errors[i])[a] for i in mine])
                 weighed = columns @ self.weight[sensor][a]
-                covariance = np.linalg.inv(weighed @ columns.T + np.diag([errors[i].prior ** -2.0 for i in mine]))
+                believed = np.diag([errors[i].hypothesis.prior ** -2.0 for i in mine])
+                covariance = np.linalg.inv(weighed @ columns.T + believed)
                 solved = covariance @ (weighed @ self.value[sensor][:, a])
                 for place, i in enumerate(mine):
                     out[i][0][a], out[i][1][a] = solved[place], np.sqrt(covariance[place, place])
         return out
 
-    def column(self, one: Error) -> Array:
+    def column(self, one: Candidate) -> Array:
         """(3, B) what an error of size one adds to each axis."""
-        onset, end = np.array([one.onset]), np.array([one.end])
-        return self.columns(one.sensor, one.what, one.shape, onset, end)[:, 0]
+        return self.columns(one.hypothesis, one.shape, np.array([one.onset]), np.array([one.end]))[:, 0]
 
-    def columns(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> Array:
+    def columns(self, hypothesis: Hypothesis, shape: str, onset: Array, end: Array) -> Array:
         """(3, T, B) the same of one that may begin and end at several times (T,)."""
         share = activation(shape, onset, end, self.t - 0.5 * self.width, self.t + 0.5 * self.width)
-        if what == "shock":
+        if hypothesis.error == "shock":
             share = share / self.width
-        if what != "scale":
+        if hypothesis.error != "scale":
             return np.asarray(np.broadcast_to(share, (3, *share.shape)))
-        slower = self.slower[sensor]
-        slower = slower * (np.sqrt((slower**2).mean(axis=0)) > harm.LIVELY[sensor])
+        slower = self.slower[hypothesis.sensor]
+        slower = slower * (np.sqrt((slower**2).mean(axis=0)) > harm.LIVELY[hypothesis.sensor])
         return np.asarray(share * slower.T[:, None, :])
 
 
@@ -112,7 +100,7 @@ def in_blocks(
     used: ImuTrack,
     span: tuple[float, float] = (-np.inf, np.inf),
     untrusted: Sequence[tuple[float, float]] = (),
-) -> tuple[Blocks, ...]:
+) -> tuple[Differences, ...]:
     """One for every other IMU that was heard long enough, of the fastest track that it has.
 
     span: boot times (s) to which they are confined. untrusted: stretches (s) in which those of `used` are no readings.
@@ -122,21 +110,16 @@ def in_blocks(
     return tuple(one for one in made if one is not None)
 
 
-def differences(blocks: Sequence[Blocks]) -> tuple[Differences, ...]:
+def weighed(blocks: Sequence[Differences]) -> tuple[Differences, ...]:
     """How well each difference is known, beside what it is."""
-
-    def known(one: Blocks) -> Differences:
-        weight = {sensor: _weight(sensor, one) for sensor in one.value}
-        return Differences(**{field.name: getattr(one, field.name) for field in fields(one)}, weight=weight)
-
-    return tuple(map(known, blocks))
+    return tuple(replace(one, weight={sensor: _weight(sensor, one) for sensor in one.value}) for one in blocks)
 
 
 def score_of_own(
-    others: Sequence[Differences], sensor: str, what: str, shape: str, onset: Array, end: Array
+    others: Sequence[Differences], hypothesis: Hypothesis, shape: str, onset: Array, end: Array
 ) -> tuple[Array, Array]:
     """What differences (one at least) tell of errors of the estimate's own IMU: b (T, 3), V (T, 3, 3)."""
-    scores = [one.score(sensor, what, shape, onset, end) for one in others]
+    scores = [one.score(hypothesis, shape, onset, end) for one in others]
     return np.asarray(-sum(b for b, _ in scores)), np.asarray(sum(v for _, v in scores))
 
 
@@ -146,7 +129,7 @@ def _difference(
     other: ImuTrack,
     span: tuple[float, float],
     untrusted: Sequence[tuple[float, float]],
-) -> Blocks | None:
+) -> Differences | None:
     """Of blocks in which both were heard: armed, where the vehicle ever was, for motors shift an accelerometer."""
     slow, fast, sign = (used, other, -1.0) if used.rate_hz < other.rate_hz else (other, used, 1.0)
     inside = (slow.t >= max(fast.t[0], span[0])) & (slow.t <= min(fast.t[-1], span[1]))
@@ -178,7 +161,7 @@ def _difference(
             value[sensor][mine] = _means(off[inner])
             slower[sensor][mine], scatter[sensor][mine] = read[inner].mean(axis=1), off[inner].std(axis=1)
         aliased[sensor] = healthy.ALIASED * np.median(scatter[sensor], axis=0)
-    return Blocks(
+    return Differences(
         other.instance, other.source, middle, used.instance_at(middle), width, value, slower, scatter, aliased
     )
 
@@ -193,7 +176,7 @@ def _means(values: Array) -> Array:
     return np.asarray((values * usual).sum(axis=1) / usual.sum(axis=1))
 
 
-def _weight(sensor: str, one: Blocks) -> Array:
+def _weight(sensor: str, one: Differences) -> Array:
     """(3, B, B) inverse covariances of a sensor's differences in B blocks: a random walk and white noise.
 
     Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard,

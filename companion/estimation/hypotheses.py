@@ -15,10 +15,9 @@ import numpy as np
 
 from companion.constants import harm, healthy, num, priors
 from companion.estimation.aiding_sensors import SENSORS
-from companion.estimation.differences import Differences
-from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY, Aliased
+from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.shapes import INTEGRAL, SLOPED
-from companion.estimation.system import Measurement, Motion
+from companion.estimation.system import Problem
 from companion.model import Array, words
 from companion.strapdown import quaternion, skew
 
@@ -114,30 +113,6 @@ class Signature:
         return int(next(part.shape[2] for part in parts if part is not None))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Problem:
-    """What signatures are made of."""
-
-    t: Array  # (K,) s
-    q_ned_frd: Array  # (K, 4)
-    velocity: Array  # (K, 3) NED, m/s
-    gravity: float  # m/s²
-    motion: Motion
-    measurements: tuple[Measurement, ...]
-    aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
-    rougher: Mapping[str, float]  # "gyro", "accel" → times by which the variance of its noise is larger than stated
-    others: tuple[Differences, ...] = ()  # what the other IMUs read more
-
-    def measurement(self, name: str) -> Measurement | None:
-        """The measurements of an aiding sensor."""
-        return next((one for one in self.measurements if one.name == name), None)
-
-    def well_observed(self, name: str) -> Measurement | None:
-        """The same of an aiding sensor that was heard often enough to show a change; None otherwise."""
-        one = self.measurement(name)
-        return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
-
-
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
     """One row of what may be wrong."""
@@ -159,9 +134,7 @@ class Hypothesis:
     rate: float = 0.1  # faults an hour
     max_plausible: float = np.inf  # no such fault is larger: such readings are invalid, or something else is wrong
     integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
-    time_shifts: tuple[
-        str, ...
-    ] = ()  # aiding sensors whose readings speak of another time: linear in nothing but small sizes
+    time_shifts: tuple[str, ...] = ()  # aiding sensors whose readings speak of another time: linear in small sizes
 
     @property
     def sensor(self) -> str:
@@ -232,11 +205,11 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
 
     def signature(problem: Problem) -> Signature | None:
         lasted = np.diff(problem.t)[:, None]
-        q = problem.q_ned_frd
+        q = problem.states.q_ned_frd
         if block == GYRO_BIAS:
             measured = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
         else:
-            force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
+            force = np.diff(problem.states.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
         least = harm.LIVELY[_SENSOR[block.start]]
@@ -291,7 +264,7 @@ def _field(problem: Problem) -> Signature | None:
     one = problem.well_observed("compass")
     if one is None:
         return None
-    matrix = quaternion.to_matrix(problem.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
+    matrix = quaternion.to_matrix(problem.states.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
     return Signature(None, {"compass": matrix[:, :, :2]})
 
 

@@ -9,74 +9,47 @@ external reliability (W. Baarda 1968).
 Also here: data sets of a linear problem: noise as it states it, and faults of size one, at known times.
 
 A data set is what all factors read: the residuals of the motion and of every sensor, those of the priors, and what
-other IMUs read more. The solution, and every score, is linear in it.
+other IMUs read more; N of them are a problem whose residuals have an axis more. The solution, and every score, is
+linear in it.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num, priors
-from companion.estimation.block_tridiagonal import roots
 from companion.estimation.differences import Differences
 from companion.estimation.evidence import Trial, least_found, probabilities_of_each
-from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis
 from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
 from companion.estimation.scan import score
 from companion.estimation.search import Cells, at_times, detectable, full_grid, of_other_imus, on_cuts, times_of_change
 from companion.estimation.shapes import ENDING, activation
-from companion.estimation.system import Prior, Solution
+from companion.estimation.system import Problem
 from companion.model import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DataSets:
-    """N data sets."""
+def solved(problem: Problem, parts: Sequence[Problem]) -> Problem:
+    """The data sets of some parts, one after the other, with their solution."""
 
-    motion: Array  # (K-1, n, N)
-    measured: tuple[Array, ...]  # of every sensor (M, d, N)
-    prior: tuple[Array, Array]  # (n, N) and (C, N), times their information
-    apart: tuple[Mapping[str, Array], ...]  # of every other IMU, by sensor (B, 3, N)
+    def together(values: Iterable[Array]) -> Array:
+        return np.concatenate(list(values), axis=-1)
 
-    def __len__(self) -> int:
-        return int(self.motion.shape[-1])
-
-    @classmethod
-    def joined(cls, parts: Sequence[DataSets]) -> DataSets:
-        """One after the other."""
-
-        def together(values: Sequence[Array]) -> Array:
-            return np.concatenate(values, axis=-1)
-
-        first = parts[0]
-        return cls(
-            together([one.motion for one in parts]),
-            tuple(together(each) for each in zip(*(one.measured for one in parts), strict=True)),
-            (together([one.prior[0] for one in parts]), together([one.prior[1] for one in parts])),
-            tuple(
-                {name: together([one.apart[i][name] for one in parts]) for name in own}
-                for i, own in enumerate(first.apart)
-            ),
-        )
-
-    def solved(self, problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
-        """A problem that reads these, and its solution."""
-        x, c = solution.redrawn(self.motion, list(zip(problem.measurements, self.measured, strict=True)), self.prior)
-        motion = replace(problem.motion, residual=self.motion)
-        read = zip(problem.measurements, self.measured, strict=True)
-        apart = zip(problem.others, self.apart, strict=True)
-        shown = replace(
-            problem,
-            motion=motion,
-            measurements=tuple(replace(one, residual=own) for one, own in read),
-            others=tuple(replace(one, value=own) for one, own in apart),
-        )
-        return shown, replace(solution, motion=motion, x=x, c=c)
+    believed = together(one.prior.residual for one in parts), together(one.prior.constants_residual for one in parts)
+    whole = problem.with_residuals(
+        together(one.motion.residual for one in parts),
+        [together(one.residual for one in each) for each in zip(*(part.measurements for part in parts), strict=True)],
+        believed,
+        [{name: together(one.value[name] for one in each) for name in each[0].value}
+         for each in zip(*(part.others for part in parts), strict=True)],
+    )  # fmt: skip
+    vars(whole)["solution"] = problem.solution.redrawn(whole)  # in place of one that is made anew
+    return whole
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,45 +64,43 @@ class Fault:
     direction: Array  # (m,), of a creep per second
     size: float  # that is detectable
 
-    def alone(self, problem: Problem) -> DataSets:
-        """Nothing but itself, at each of its times."""
+    def alone(self, problem: Problem) -> Problem:
+        """Data sets of nothing but itself, at each of its times."""
         signature = self.hypothesis.signature(problem)
         assert signature is not None
         sets = len(self.onset)
 
-        def column(columns: Array, shape: str, start: Array, stop: Array) -> Array:
-            share = activation(shape, self.onset, self.end, start, stop).T
+        def column(columns: Array | None, measured: str, start: Array, stop: Array, of: Array) -> Array:
+            if columns is None:
+                return np.zeros((*of.shape, sets))
+            share = activation(self.hypothesis.shape_at(measured, self.shape), self.onset, self.end, start, stop).T
             return (columns @ self.direction)[..., None] * share[:, None, :]
 
-        motion = np.zeros((*problem.motion.transition.shape[:2], sets))
-        if signature.motion is not None:
-            motion = -column(signature.motion, self.shape, problem.t[:-1], problem.t[1:])
-        measured = [np.zeros((*one.residual.shape, sets)) for one in problem.measurements]
-        for i, one in enumerate(problem.measurements):
-            if one.name in signature.measurements:
-                shape = self.hypothesis.shape_at(one.name, self.shape)
-                measured[i] = column(signature.measurements[one.name], shape, one.t, one.t)
-        states, constants = problem.motion.constants.shape[1:]
-        nothing = np.zeros((states, sets)), np.zeros((constants, sets))
-        return DataSets(motion, tuple(measured), nothing, tuple(self._apart(one) for one in problem.others))
+        read, prior = signature.measurements, problem.prior
+        return problem.with_residuals(
+            -column(signature.motion, "", problem.t[:-1], problem.t[1:], problem.motion.residual),
+            [column(read.get(one.name), one.name, one.t, one.t, one.residual) for one in problem.measurements],
+            (np.zeros((len(prior.sigma), sets)), np.zeros((len(prior.constants_sigma), sets))),
+            [self._apart(one) for one in problem.others],
+        )
 
     def _apart(self, other: Differences) -> dict[str, Array]:
         """(B, 3, O) by sensor: what another IMU reads more than the one with the fault."""
         apart = {name: np.zeros((len(other.t), 3, len(self.onset))) for name in other.value}
         if self.hypothesis.device == "imu":
-            columns = other.columns(self.hypothesis.sensor, self.hypothesis.error, self.shape, self.onset, self.end)
+            columns = other.columns(self.hypothesis, self.shape, self.onset, self.end)
             apart[self.hypothesis.sensor] = -columns.transpose(2, 0, 1) * self.direction[:, None]
         return apart
 
 
 def injected(
-    problem: Problem, solution: Solution, hypotheses: Sequence[Hypothesis] = HYPOTHESES
+    problem: Problem, hypotheses: Sequence[Hypothesis] = HYPOTHESES
 ) -> tuple[tuple[Fault, ...], tuple[str, ...]]:
     """Kinds as faults along the axis that the flight tells least of, and those that it cannot show; no nuisances.
 
     In the middle of the flight. Of an IMU a step, of an aiding sensor what `num.CREEPS` says, else a step.
     """
-    faults, not_shown, known = list[Fault](), list[str](), detectable(problem, solution)
+    faults, not_shown, known = list[Fault](), list[str](), detectable(problem)
     t, (first, last) = problem.t, times_of_change(problem.t)
     cell, hours = float(np.median(np.diff(t))) / (last - first), float(t[-1] - t[0]) / 3600.0
     for hypothesis in (one for one in hypotheses if not one.nuisance):
@@ -141,7 +112,7 @@ def injected(
         middle = t[0] + np.linspace(*num.INJECTED_MIDDLE, num.INJECTED_ONSETS) * (t[-1] - t[0]) - 0.5 * lasts
         onset = possible[np.minimum(np.searchsorted(possible, middle), len(possible) - 1)]
         end = onset + (lasts or np.inf)
-        scores = score(problem, solution, hypothesis, shape, onset, end)
+        scores = score(problem, hypothesis, shape, onset, end)
         if scores is None:
             continue
         direction, information = _least_known(hypothesis, np.median(scores[1], axis=0))
@@ -165,18 +136,13 @@ def _least_known(hypothesis: Hypothesis, v: Array) -> tuple[Array, float]:
     return np.eye(len(v))[axis], float(own[axis])
 
 
-def noise(problem: Problem, prior: Prior, rng: np.random.Generator, count: int) -> DataSets:
-    """Nothing but the noise that the problem states."""
-    weight = problem.motion.weight
-    motion = roots(weight).swapaxes(-1, -2) @ rng.standard_normal((*weight.shape[:2], count))
-    measured = tuple(
-        rng.standard_normal((*one.residual.shape, count)) / np.sqrt(np.maximum(one.information, 1e-300))[..., None]
-        for one in problem.measurements
-    )
-    believed = (prior.sigma, prior.constants_sigma)
-    of_states, of_constants = (rng.standard_normal((len(own), count)) / own[:, None] for own in believed)
-    apart = ({name: _drawn(rng, own, count) for name, own in one.weight.items()} for one in problem.others)
-    return DataSets(motion, measured, (of_states, of_constants), tuple(apart))
+def noise(problem: Problem, rng: np.random.Generator, count: int) -> Problem:
+    """Data sets of nothing but the noise that the problem states."""
+    drawn, prior = problem.drawn(rng, count), problem.prior
+    believed = (rng.standard_normal((len(own), count)) * own[:, None] for own in (prior.sigma, prior.constants_sigma))
+    apart = [{name: _drawn(rng, own, count) for name, own in one.weight.items()} for one in problem.others]
+    measured = [one.residual for one in drawn.measurements]
+    return problem.with_residuals(drawn.motion.residual, measured, tuple(believed), apart)
 
 
 def _drawn(rng: np.random.Generator, weight: Array, count: int) -> Array:
@@ -192,8 +158,6 @@ _IN_DOUBT, _CANNOT_TELL, _NOBODY = "perhaps harmless", "cannot tell", "nobody"
 
 def confusion_matrix(
     problem: Problem,
-    solution: Solution,
-    prior: Prior,
     *,
     draws: int = num.DATA_SETS,
     seed: int = 0,
@@ -201,10 +165,10 @@ def confusion_matrix(
 ) -> ConfusionMatrix:
     """What each kind of fault is called where it is as large as what is detectable, and from which size on it is told.
 
-    Of a linear problem, its solution and its prior. draws: data sets of each kind. hypotheses: of the faults; their
+    draws: data sets of each kind. hypotheses: of the faults; their
     rivals are all.
     """
-    experiment = Experiment.of(problem, solution, prior, draws, seed, hypotheses)
+    experiment = Experiment.of(problem, draws, seed, hypotheses)
     rows = []
     for i, fault in enumerate(experiment.faults):
         judged = experiment.judged(i, fault.size)
@@ -255,26 +219,17 @@ class Experiment:
     draws: int  # D
 
     @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        solution: Solution,
-        prior: Prior,
-        draws: int,
-        seed: int,
-        hypotheses: Sequence[Hypothesis] = HYPOTHESES,
-    ) -> Experiment:
-        """The same of a linear problem, its solution and its prior."""
-        measurements = tuple(
-            replace(one, t=problem.t[one.keyframe]) for one in problem.measurements
-        )  # as the scan has them
-        problem = replace(problem, measurements=measurements)
-        faults, not_shown = injected(problem, solution, hypotheses)
-        together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
+    def of(cls, problem: Problem, draws: int, seed: int, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> Experiment:
+        """The same of a linear problem."""
+        # as the scan has them
+        heard = tuple(replace(one, t=problem.t[one.keyframe]) for one in problem.measurements)
+        problem = replace(problem, measurements=heard)
+        faults, not_shown = injected(problem, hypotheses)
+        together = max(1, int(num.DATA_SETS_SIZE / problem.solution.x.size))
         chunks, moved = [], list[Array]()
-        for shown, answer in _solved(problem, solution, prior, faults, draws, seed, together):
-            chunks.append(_cells(shown, answer, faults))
-            moved.append(_off(answer.x))
+        for shown in _solved(problem, faults, draws, seed, together):
+            chunks.append(_cells(shown, faults))
+            moved.append(_off(shown.solution.x))
         cells = tuple(
             replace(parts[0], b=np.concatenate([one.b for one in parts], axis=-1))
             for parts in zip(*chunks, strict=True)
@@ -339,36 +294,32 @@ def _called(
     return names
 
 
-def _solved(
-    problem: Problem, solution: Solution, prior: Prior, faults: Sequence[Fault], draws: int, seed: int, together: int
-) -> Iterator[tuple[Problem, Solution]]:
-    """The problem with data sets of noise and with those of each fault, so many at a time, and its solution."""
+def _solved(problem: Problem, faults: Sequence[Fault], draws: int, seed: int, together: int) -> Iterator[Problem]:
+    """The problem with data sets of noise and with those of each fault, so many at a time."""
     rng = np.random.default_rng(seed)
-    waiting: list[DataSets] = []
+    waiting: list[Problem] = []
     parts = [min(together, draws - first) for first in range(0, draws, together)]
-    for one in (*(noise(problem, prior, rng, count) for count in parts), *(fault.alone(problem) for fault in faults)):
-        if waiting and sum(len(w) for w in waiting) + len(one) > together:
-            yield DataSets.joined(waiting).solved(problem, solution)
+    for one in (*(noise(problem, rng, count) for count in parts), *(fault.alone(problem) for fault in faults)):
+        if waiting and sum(w.motion.residual.shape[-1] for w in (*waiting, one)) > together:
+            yield solved(problem, waiting)
             waiting = []
         waiting.append(one)
-    yield DataSets.joined(waiting).solved(problem, solution)
+    yield solved(problem, waiting)
 
 
-def _cells(problem: Problem, solution: Solution, faults: Sequence[Fault]) -> list[Cells]:
+def _cells(problem: Problem, faults: Sequence[Fault]) -> list[Cells]:
     """Every hypothesis on the grid of the search and at the times of the faults, always in the same order."""
-    grid = full_grid(problem, solution)
+    grid = full_grid(problem)
     width = float(np.diff(grid.cuts).max()) * num.INJECTED_CELL
     parts: list[Cells | None] = []
     for hypothesis in HYPOTHESES:
         for shape in hypothesis.shapes:
-            parts.append(on_cuts(problem, solution, grid, hypothesis, shape))
-            parts.append(_exact(problem, solution, hypothesis, shape, faults, width))
+            parts.append(on_cuts(problem, grid, hypothesis, shape))
+            parts.append(_exact(problem, hypothesis, shape, faults, width))
     return [*(one for one in parts if one is not None), *of_other_imus(problem)]
 
 
-def _exact(
-    problem: Problem, solution: Solution, hypothesis: Hypothesis, shape: str, faults: Sequence[Fault], width: float
-) -> Cells | None:
+def _exact(problem: Problem, hypothesis: Hypothesis, shape: str, faults: Sequence[Fault], width: float) -> Cells | None:
     """A hypothesis at the very times of faults; None of what is tried at every keyframe, and of what tells nothing."""
     at_every_keyframe = hypothesis.device == "imu" and hypothesis.error != "scale" and shape in ("step", "shock")
     if at_every_keyframe or not hypothesis.has_aiding(problem):
@@ -377,7 +328,7 @@ def _exact(
     times = {(a, b if ends else np.inf) for f in faults for a, b in zip(f.onset.tolist(), f.end.tolist(), strict=True)}
     onset, end = np.array(sorted(one for one in times if np.isfinite(one[1]) == ends)).reshape(-1, 2).T
     wide = np.full(len(onset), width)
-    return at_times(problem, solution, hypothesis, shape, onset, end, wide, wide)
+    return at_times(problem, hypothesis, shape, onset, end, wide, wide)
 
 
 def _off(x: Array) -> Array:

@@ -8,6 +8,12 @@ misfit where it ends is compared with that where it begins, and a step that lead
 parabola through both and the slope at its beginning is least (J. Nocedal, S. J. Wright 2006, Numerical Optimization,
 §3.5). Where it leads uphill however short, there is nothing lower to be had. On a link the iteration may begin with
 what was estimated a moment ago, carried on to what has arrived since.
+
+Also here: readings that come late by much, which are put at the times that they speak of, not corrected by a slope:
+where a vehicle was a second ago is no straight line from where it is. So of a kind that moves readings in time the
+linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left: where
+the readings would speak of what has not happened yet, it is not the time that is off. What it explained where the
+vehicle did not move says little of its onset: that is sought again with its size known.
 """
 
 from __future__ import annotations
@@ -21,12 +27,21 @@ from companion.constants import num
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate
 from companion.estimation.hypotheses import hypothesis_of
-from companion.estimation.learned_noise import FIRST_NOISE, Change, coloured, learn, noise_limits
-from companion.estimation.linearisation import Linear, PreintegratedImu, linearise, preintegrate_imu
+from companion.estimation.learned_noise import (
+    FIRST_NOISE,
+    Change,
+    coloured,
+    learn,
+    noise_limits,
+    outlier_weights,
+    shocks,
+)
+from companion.estimation.linearisation import PreintegratedImu, linearise, preintegrate_imu
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
-from companion.estimation.robust_weights import outlier_weights, shocks
+from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
-from companion.estimation.system import Prior, misfit, squares
+from companion.estimation.shapes import activation
+from companion.estimation.system import Prior, Problem, misfit, squares
 from companion.model import Array, interpolated, nearest
 from companion.strapdown import preintegrate
 
@@ -52,7 +67,7 @@ class Step:
     gain: float  # by how much less it is at its end, were the problem linear
 
     @classmethod
-    def of(cls, linear: Linear, sizes: Array) -> Step:
+    def of(cls, linear: Problem, sizes: Array) -> Step:
         """From the states of a linear problem, where what is accepted has these sizes (m,).
 
         Raises numpy.linalg.LinAlgError where the problem has no finite solution.
@@ -62,9 +77,7 @@ class Step:
             raise np.linalg.LinAlgError("a step of the iteration is not finite")
         information = tuple(one.information for one in linear.measurements)
         begin = _misfit(linear, sizes, linear.motion.weight, information)
-        end = misfit(linear.motion, linear.measurements, solution) + _of_prior(
-            prior, prior.residual - solution.x[0], prior.constants_residual - solution.c
-        )
+        end = misfit(linear) + _of_prior(prior, prior.residual - solution.x[0], prior.constants_residual - solution.c)
         point = Point(linear.states, sizes)
         return cls(point, solution.x, solution.c, linear.motion.weight, information, begin, begin - end)
 
@@ -74,11 +87,11 @@ class Step:
         states = self.begin.states.moved(share * self.x, share * self.c)
         return Point(states, sizes + share * (self.c[CONSTANT_STATES:] - sizes))
 
-    def misfit_at(self, point: Point, linear: Linear) -> float:
+    def misfit_at(self, point: Point, linear: Problem) -> float:
         """The misfit at a point, about which a problem was made linear, with the weights of this one."""
         return _misfit(linear, point.sizes, self.weight, self.information)
 
-    def taken(self, linearised: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
+    def taken(self, linearised: Callable[[Point], Problem]) -> tuple[Point, Problem, bool]:
         """Where it leads, the linear problem there, and whether the misfit is higher there, however short the step.
 
         linearised: makes the problem about a point. Raises numpy.linalg.LinAlgError where the misfit is no number
@@ -99,7 +112,7 @@ class Step:
             share, left = float(np.clip(least, num.SHORTENED_MIN * share, num.SHORTENED_MAX * share)), left - 1
 
 
-def _misfit(linear: Linear, sizes: Array, weight: Array, information: Sequence[Array]) -> float:
+def _misfit(linear: Problem, sizes: Array, weight: Array, information: Sequence[Array]) -> float:
     """That of the states about which a problem was made linear, and of sizes (m,), with the weights of a problem."""
     known = slice(CONSTANT_STATES, None)
     measured = (
@@ -147,7 +160,7 @@ def estimate(
     white: bool = False,
     polished: bool = True,
     passes: int = num.SMOOTHER_PASSES,
-) -> tuple[Start, Linear]:
+) -> tuple[Start, Problem]:
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
@@ -159,11 +172,11 @@ def estimate(
     limits, path = _limits(setup, start, accepted, limits), preintegrated(setup, start.states, start.path, roughly)
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
-    def about(point: Point) -> Linear:
+    def about(point: Point) -> Problem:
         rougher = replace(setup, relative_noise=setup.relative_noise * shaken)
         return linearise(rougher, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
 
-    def moved(step: Step) -> tuple[Point, Linear, bool]:
+    def moved(step: Step) -> tuple[Point, Problem, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
         nonlocal path
         point, linear, uphill = step.taken(about)
@@ -207,7 +220,7 @@ def _limits(
     return {**walk, **(given or noise_limits(setup))}
 
 
-def likelihood(settled: Start, linear: Linear) -> float:
+def likelihood(settled: Start, linear: Problem) -> float:
     """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
     noise, scale = settled.noise, settled.scale
     of_imu = -num.LIKELIHOOD_3 * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
@@ -268,3 +281,82 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)
     slow = {name: before.slow_sigma.get(name, sigma) for name, sigma in first.slow.items()}
     return Start(states, before.noise, {**first.scale, **before.measurement_scale}, slow, near=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeShifted:
+    """The readings at the times that they speak of if a candidate is right, and the candidate so found."""
+
+    setup: Setup
+    candidate: Candidate
+    estimated: tuple[Start, Problem] | None = None  # of both, where that was needed to find them
+
+
+def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> TimeShifted | None:
+    """The problem with the readings where a candidate puts them.
+
+    As it is where the candidate moves no readings in time, or its size does not settle; None where readings would
+    speak of what has not happened yet.
+    """
+    if not candidate.hypothesis.time_shifts:
+        return TimeShifted(setup, candidate)
+    linearly, moved, settled = candidate, setup, start
+    for searched in (False, True):
+        for _ in range(num.LATENCY_ROUNDS):
+            settled, linear = estimate(moved, start, [*accepted, candidate])
+            further = float(linear.solution.c[-1])
+            if abs(further) < num.LATENCY_CONVERGED_S:
+                break
+            candidate = replace(candidate, taken=candidate.taken + further)
+            if candidate.taken < -float(settled.states.constant("gps_latency")[0]):
+                return None
+            moved = _moved(setup, candidate)
+        else:
+            return TimeShifted(setup, linearly)
+        if searched or candidate.shape != "step" or abs(candidate.taken) < num.LATENCY_SEARCHED_S:
+            break
+        candidate = _with_onset(setup, settled, accepted, candidate)
+        moved = _moved(setup, candidate)
+    return TimeShifted(moved, candidate, (settled, linear))
+
+
+def _moved(setup: Setup, candidate: Candidate) -> Setup:
+    """The readings at the times that they speak of, while the candidate is at work."""
+    onset, end = np.array([candidate.onset]), np.array([candidate.end])
+    readings = tuple(
+        one.later(candidate.taken * activation(candidate.shape, onset, end, one.t, one.t)[0], setup.t)
+        if one.name in candidate.hypothesis.time_shifts
+        else one
+        for one in setup.readings
+    )
+    return replace(setup, readings=readings)
+
+
+def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Candidate:
+    """The candidate from when on the readings fit best, its size known, at the noise that was learned."""
+    states, path = settled.states, preintegrated(setup, settled.states, settled.path)
+
+    def misfits(onsets: Array) -> Array:
+        """Each less what as many readings leave that fit: some may be moved out of the flight."""
+        excess = []
+        for onset in onsets:
+            one = replace(candidate, onset=float(onset))
+            linear = linearise(
+                _moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one]
+            )
+            fitting = sum(m.residual.size for m in linear.measurements)
+            excess.append(misfit(linear) - fitting)
+        return np.array(excess)
+
+    first, last = times_of_change(setup.t)
+    onsets = np.linspace(first, last, num.LATENCY_ONSETS)
+    left, step = misfits(onsets), float(onsets[1] - onsets[0])
+    for _ in range(num.LATENCY_REFINEMENTS):
+        fine = np.clip(onsets[np.argmin(left)] + step * np.linspace(-1.0, 1.0, num.LATENCY_FINE_ONSETS), first, last)
+        onsets, where = np.unique(np.concatenate((onsets, fine)), return_index=True)
+        left = np.concatenate((left, misfits(fine)))[where]
+        step = 2.0 * step / (num.LATENCY_FINE_ONSETS - 1)
+    best = float(onsets[np.argmin(left)])
+    likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
+    sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
+    return replace(candidate, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S))

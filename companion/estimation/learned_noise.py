@@ -5,6 +5,9 @@ disturbance and D its variance: each step raises the likelihood (MM algorithm of
 variance components models"; e and D as in de Jong and Penzer 1998, "Diagnosing shocks in time series"). The sums are
 kept for stretches of the flight, without what is off in the same way all through a stretch, and a typical stretch is
 taken: a fault in a part of the flight does not pass for noise in all of it.
+
+Also here: redescending weights of readings, and of process noise, that their own neighbours contradict (P. J. Huber
+1981).
 """
 
 from __future__ import annotations
@@ -16,21 +19,19 @@ import numpy as np
 
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS, SLOW
-from companion.estimation.block_tridiagonal import roots
 from companion.estimation.hypotheses import HYPOTHESES
-from companion.estimation.linearisation import Linear
-from companion.estimation.low_pass import BoolArray
-from companion.estimation.model import (
-    ATTITUDE,
-    GYRO_BIAS,
-    NOISES,
-    POSITION,
-    STATES,
-    VELOCITY,
-    ProcessNoise,
-)
+from companion.estimation.losses import BoolArray
+from companion.estimation.model import ATTITUDE, GYRO_BIAS, NOISES, POSITION, STATES, VELOCITY, ProcessNoise
 from companion.estimation.setup import Setup
-from companion.estimation.system import Index, measurement_residual, measurement_variance
+from companion.estimation.spectrum import neighbourhoods
+from companion.estimation.system import (
+    Index,
+    Problem,
+    applied,
+    measurement_residual,
+    measurement_variance,
+    motion_residual,
+)
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
@@ -61,10 +62,7 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     }
     if any(one.name == "calm" for one in setup.readings):
         least, most = limits["accel_noise"]
-        limits["accel_noise"] = (
-            least,
-            float(np.clip(num.FILTERED_NOISE * setup.scatter[1], least, most)),
-        )
+        limits["accel_noise"] = least, float(np.clip(num.FILTERED_NOISE * setup.scatter[1], least, most))
     return limits
 
 
@@ -77,17 +75,15 @@ def scatter(setup: Setup) -> tuple[float, float]:
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
-def limits_trusting_imu(
-    limits: Mapping[str, tuple[float, float]], shown: tuple[float, float]
-) -> dict[str, tuple[float, float]]:
+def limits_trusting_imu(setup: Setup) -> dict[str, tuple[float, float]]:
     """Limits of the noise, three times what the IMU's readings scatter by: aiding sensors explain the rest."""
     return {
-        cause: (least, float(np.clip(num.FILTERED_NOISE * one, least, most)))
-        for (cause, (least, most)), one in zip(limits.items(), shown, strict=True)
+        cause: (least, float(np.clip(num.FILTERED_NOISE * shown, least, most)))
+        for (cause, (least, most)), shown in zip(noise_limits(setup).items(), scatter(setup), strict=True)
     }
 
 
-def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[str, tuple[float, float]]:
+def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Problem) -> dict[str, tuple[float, float]]:
     """Limits of the scales of aiding sensors that need more noise than usual, while their readings scatter by less.
 
     It is then no noise: they are off for long. Where it is so, the scale is limited to what one in order would have: a
@@ -109,7 +105,7 @@ def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Linear) 
 
 
 def learn(
-    linear: Linear,
+    linear: Problem,
     setup: Setup,
     noise: ProcessNoise,
     scale: Mapping[str, float],
@@ -176,7 +172,7 @@ def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
     return FIRST_NOISE.gyro_walk, most * FIRST_NOISE.gyro_walk
 
 
-def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
+def _walk(linear: Problem, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
     """By how much the logarithm of the density of the gyro bias's walk changes, with a log-normal prior.
 
     A walk goes on all through the flight, a fault begins and ends: a typical stretch tells of the one alone.
@@ -189,7 +185,7 @@ def _walk(linear: Linear, setup: Setup, noise: ProcessNoise, usual: Index) -> fl
     return 0.5 * float(np.log(_typical(above, below)))
 
 
-def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:
+def _slow_errors(linear: Problem, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:
     """By how much the logarithm of each slow error's σ changes: as of the IMU's noise, with a log-normal prior."""
     e, d = linear.solution.disturbances
     apart = np.diff(setup.t)
@@ -229,7 +225,7 @@ def _changed(value: float, step: Change, limits: tuple[float, float]) -> tuple[f
     return after, replace(step, size=float(np.log(after / value)))
 
 
-def _in_body(linear: Linear, e: Array) -> Array:
+def _in_body(linear: Problem, e: Array) -> Array:
     """Disturbances (K-1, 15) in FRD: in the body a bias stands still."""
     return _in_turn(quaternion.conjugate(linear.states.q_ned_frd[:-1]), e)
 
@@ -242,9 +238,9 @@ def _in_turn(q: Array, e: Array) -> Array:
     return out
 
 
-def _at_rest(linear: Linear) -> BoolArray:
+def _at_rest(linear: Problem) -> BoolArray:
     """(K,) whether the vehicle rests at a keyframe."""
-    still = np.zeros(len(linear.problem.t), np.bool_)
+    still = np.zeros(len(linear.t), np.bool_)
     for one in linear.measurements:
         if SENSORS[one.name].device == "rest":
             still[one.keyframe] = True
@@ -289,7 +285,7 @@ def _typical(above: Array, below: Array) -> float:
     return float(np.clip(percentile(ratio, num.TYPICAL_PERCENTILE), 0.01, 100.0))
 
 
-def coloured(linear: Linear) -> dict[str, float]:
+def coloured(linear: Problem) -> dict[str, float]:
     """Factor by which the noise of gyro and accelerometer has to grow because it is correlated in time.
 
     White noise of this size says as much about what changes slowly as the correlated errors do: it grows by the root of
@@ -299,27 +295,14 @@ def coloured(linear: Linear) -> dict[str, float]:
     still = _at_rest(linear)
     moving = _telling(still[:-1] & still[1:])
     sigma = np.sqrt(linear.variance)[moving]
-    own, white = (
-        (_in_body(linear, e)[moving, :STATES] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear))
-    )
+    # any draw serves, and the same log gets the same answer
+    drawn = linear.solution.redrawn(linear.drawn(np.random.default_rng(0), 1))
+    noise = applied(drawn.motion.weight, motion_residual(drawn.motion, drawn))[..., 0]
+    own, white = (_in_body(linear, e)[moving, :STATES] * sigma for e in (linear.solution.disturbances[0], noise))
     return {
         sensor: max(1.0, _correlation_factor(own[:, block]) / _correlation_factor(white[:, block]))
         for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY))
     }
-
-
-def _drawn(linear: Linear) -> Array:
-    """Smoothed disturbances (K-1, 15) of one data set drawn with the noise that the problem states."""
-    rng = np.random.default_rng(0)  # any draw serves, and the same log gets the same answer
-    motion, solution = linear.motion, linear.solution
-    noise = roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1))
-    drawn = [
-        (one, (rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))[..., None])
-        for one in linear.measurements
-    ]
-    x, c = solution.redrawn(noise, drawn)
-    left = noise + motion.transition @ x[:-1] + motion.constants @ c - x[1:]
-    return np.asarray((motion.weight @ left)[..., 0])
 
 
 def _correlation_factor(values: Array) -> float:
@@ -334,3 +317,38 @@ def _correlation_factor(values: Array) -> float:
         end = next((i for i, value in enumerate(lags) if value < 0.05), len(lags))
         ratios.append(1.0 + 2.0 * sum(lags[:end]))
     return float(np.sqrt(np.clip(np.median(ratios), 1.0, 36.0)))
+
+
+def outlier_weights(linear: Problem) -> dict[str, Array]:
+    """Weights of readings that their own neighbours contradict: they count linearly, not by their square.
+
+    Readings that are off together keep their weight: whether it is they that are wrong is for the hypotheses to say.
+    """
+    return {
+        one.name: _beside_neighbours(measurement_residual(one, linear.solution) / one.sigma)
+        for one in linear.measurements
+        if len(one.t) > num.HUBER_SPAN
+    }
+
+
+def shocks(linear: Problem) -> Array:
+    """(K-1, 2) times by which the noise of gyro and accelerometer is larger in intervals that their neighbours
+    contradict: a touch of the ground, a clipped or an aliased manoeuvre. What lasts, as a bias does, is none.
+    """
+    e, d = linear.solution.disturbances
+    out = np.ones((len(e), 2))
+    if len(e) <= num.HUBER_SPAN:
+        return out
+    for column, block in enumerate((ATTITUDE, VELOCITY)):
+        known = np.diagonal(d, axis1=1, axis2=2)[:, block]
+        sigma = np.sqrt(np.where(known > 0.0, known, np.inf))
+        out[:, column] = _beside_neighbours(e[:, block] / sigma) ** -0.5
+    return out
+
+
+def _beside_neighbours(values: Array) -> Array:
+    """(M,) weights of normalised values (M, d): 1 where they are near the median of those around them."""
+    half = num.HUBER_SPAN // 2
+    typical = np.partition(neighbourhoods(values, num.HUBER_SPAN), half, axis=-1)[..., half]
+    size = np.abs(values - typical).max(axis=1)
+    return np.asarray(np.minimum(1.0, num.HUBER / np.maximum(size, 1e-9)) ** 2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.candidate import Candidate, with_candidate
-from companion.estimation.hypotheses import Problem, hypothesis_of
+from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -28,14 +27,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.readings import Kinematics, Readings, three_samples
 from companion.estimation.setup import Setup
-from companion.estimation.system import (
-    Index,
-    Measurement,
-    Motion,
-    Prior,
-    Solution,
-    solve,
-)
+from companion.estimation.system import Index, Measurement, Motion, Prior, Problem
 from companion.model import Array
 from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
 
@@ -44,26 +36,6 @@ _NOTHING = np.zeros(0)
 _BLOCKS: Mapping[str, slice] = {
     "attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION, "gyro_bias": GYRO_BIAS,
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """The problem made linear about the present states, and its solution, which is made when it is asked for."""
-
-    states: States  # about which
-    motion: Motion
-    measurements: tuple[Measurement, ...]
-    prior: Prior
-    problem: Problem  # what explanations are made of
-    turn: Array  # (K-1, 3, 3) from the frame of the sums to NED
-    sums: Mapping[str, Array]  # cause → (K-1, n, n) of MOVED in the frame of the sums, per squared density
-    variance: Array  # (K-1, 15) of the process noise in the frame of the sums
-    noise: ProcessNoise  # that it is made of
-
-    @cached_property
-    def solution(self) -> Solution:
-        """Raises numpy.linalg.LinAlgError where something is not determined by any factor."""
-        return solve(len(self.problem.t), self.motion, self.measurements, self.prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +84,7 @@ def linearise(
     accepted: Sequence[Candidate] = (),
     *,
     sizes: Array = _NOTHING,
-) -> Linear:
+) -> Problem:
     """The linear problem about the states. The sizes of what is accepted follow the constants.
 
     sizes: (m,) what they were found to be so far, where they were.
@@ -150,15 +122,12 @@ def linearise(
         one = _with_slow_error(measure(readings, at), setup, states)
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
-    problem = Problem(
-        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased, {},
-        setup.others,
-    )  # fmt: skip
-    prior = _prior(setup, states, slow)
+    problem = Problem(setup.t, states, setup.gravity, motion, tuple(measurements), _prior(setup, states, slow), noise,
+                      turned, sums, variance, setup.aliased, setup.others)  # fmt: skip
     for candidate in accepted:
-        problem, prior = with_candidate(problem, prior, candidate)
+        problem = with_candidate(problem, candidate)
     _predict(setup, pim, states, problem.motion, shift, sizes)
-    return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
+    return problem
 
 
 def measure(one: Readings, at: Kinematics) -> Measurement:

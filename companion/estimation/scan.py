@@ -21,38 +21,32 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import num
 from companion.estimation.block_tridiagonal import crossed, factorise, gram, roots, scaled
-from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem, Signature, hypothesis_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Signature, hypothesis_of
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import SLOPED, activation
-from companion.estimation.system import Index, Solution, applied, measurement_residual, motion_residual
+from companion.estimation.system import Index, Problem, Solution, applied, measurement_residual, motion_residual
 from companion.model import Array
 
 
-def jumps(problem: Problem, solution: Solution, hypothesis: Hypothesis) -> Array:
+def jumps(problem: Problem, hypothesis: Hypothesis) -> Array:
     """(J,) s: times at which the readings of an aiding sensor step against the estimate, the largest first."""
     signature = hypothesis.signature(problem)
     one = problem.measurement(next(iter(signature.measurements), "")) if signature is not None else None
     if one is None or len(one.t) < 10:
         return np.zeros(0)
-    step = np.linalg.norm(np.diff(measurement_residual(one, solution) / one.sigma, axis=0), axis=1)
+    step = np.linalg.norm(np.diff(measurement_residual(one, problem.solution) / one.sigma, axis=0), axis=1)
     unusual = np.flatnonzero(step > num.JUMP_STEPS * np.median(step) + 1e-9)
     order = unusual[np.argsort(-step[unusual])][: num.MAX_JUMPS]
     return np.asarray(0.5 * (one.t[order] + one.t[order + 1]))
 
 
-def velocity_impulses(problem: Problem, solution: Solution) -> Array:
+def velocity_impulses(problem: Problem) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
-    at = _peaks(solution)
-    return np.asarray(problem.t[at[: num.MAX_JUMPS]] + 1e-3)
-
-
-def _peaks(solution: Solution) -> Index:
-    """Keyframes after which the velocity is pushed, the most unlikely first."""
-    e, d = solution.disturbances
+    e, d = problem.solution.disturbances
     e, d = e[:, VELOCITY], d[:, VELOCITY, VELOCITY]
     unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d + 1e-12 * np.eye(3), e[..., None])[..., 0])
     at = np.flatnonzero((unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1)))
-    return np.asarray(at[np.argsort(-unlikely[at])])
+    return np.asarray(problem.t[at[np.argsort(-unlikely[at])][: num.MAX_JUMPS]] + 1e-3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +64,9 @@ class Factors:
     v: Array  # (N, m, m)
 
 
-def changed(problem: Problem, solution: Solution, signature: Signature) -> Iterator[Factors]:
+def changed(problem: Problem, signature: Signature) -> Iterator[Factors]:
     """The factors that a signature changes."""
-    motion, s = problem.motion, signature.motion
+    motion, solution, s = problem.motion, problem.solution, signature.motion
     if s is not None:
         ws = motion.weight @ s
         yield Factors(
@@ -104,7 +98,7 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
 
 
 def score(
-    problem: Problem, solution: Solution, hypothesis: Hypothesis, shape: str, onset: Array, end: Array | None = None
+    problem: Problem, hypothesis: Hypothesis, shape: str, onset: Array, end: Array | None = None
 ) -> tuple[Array, Array] | None:
     """The gradient b (T, m) and the information V (T, m, m) of a kind and shape from onsets (T,) to ends (T,) s.
 
@@ -114,9 +108,9 @@ def score(
     signature = hypothesis.of(problem)
     if signature is None:
         return None
-    factors = tuple(changed(problem, solution, signature))
+    factors = tuple(changed(problem, signature))
     together = max(num.WEIGH_MIN, num.WEIGH_SIZE // (len(problem.t) * signature.unknowns))
-    return _gradient_and_information(solution, factors, hypothesis, shape, onset, end, together)
+    return _gradient_and_information(problem.solution, factors, hypothesis, shape, onset, end, together)
 
 
 def _gradient_and_information(
@@ -200,7 +194,7 @@ class Scan:
         return np.stack((begun * reached, activation), axis=2)
 
 
-def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
+def scan(problem: Problem, stretches: int) -> Scan:
     """Everything of HYPOTHESES that the flight has something to say of, between cuts into at most so many stretches."""
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
@@ -208,20 +202,21 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
     columns: dict[str, tuple[Array, Array]] = {}
     together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):
-        columns |= _columns_of(problem, solution, cuts, length, dict(signatures[first : first + together]))
+        columns |= _columns_of(problem, cuts, length, dict(signatures[first : first + together]))
     return Scan(problem, cuts, columns)
 
 
 def _columns_of(
-    problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Hypothesis, Signature]
+    problem: Problem, cuts: Array, length: int, signatures: Mapping[Hypothesis, Signature]
 ) -> dict[str, tuple[Array, Array]]:
     """The columns of some kinds; cuts (S,) s, the beginnings of stretches of so many keyframes."""
+    solution = problem.solution
     columns = {hypothesis: (1 + bool(hypothesis.integrated)) * hypothesis.basis_order for hypothesis in signatures}
     stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
     places, at = {}, 0
     for hypothesis, whole in signatures.items():
         m = whole.unknowns
-        for factors in changed(problem, solution, whole):
+        for factors in changed(problem, whole):
             stack.add(
                 factors,
                 cuts,

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from companion.constants import num
 from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
-from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Problem, hypothesis_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, hypothesis_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
 from companion.estimation.scan import Scan, jumps, scan, score, velocity_impulses
 from companion.estimation.shapes import ENDING
-from companion.estimation.system import Solution
+from companion.estimation.system import Problem
 from companion.model import Array
 
 _AT_EVERY_KEYFRAME = {
@@ -49,24 +49,24 @@ class Cells:
         return trial(self.hypothesis, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
 
 
-def full_grid(problem: Problem, solution: Solution) -> Scan:
+def full_grid(problem: Problem) -> Scan:
     """The scan on whose cuts hypotheses are tried."""
-    return scan(problem, solution, num.SCAN_STRETCHES)
+    return scan(problem, num.SCAN_STRETCHES)
 
 
-def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
+def trials(problem: Problem) -> tuple[Trial, ...]:
     """Every hypothesis and shape with its evidence, the likeliest first."""
-    grid = full_grid(problem, solution)
+    grid = full_grid(problem)
     every = [
         one
         for hypothesis in HYPOTHESES
         for shape in hypothesis.shapes
-        if (one := _on_the_grid(problem, solution, grid, hypothesis, shape)) is not None
+        if (one := _on_the_grid(problem, grid, hypothesis, shape)) is not None
     ]
     every.sort(key=lambda one: -one.log_bayes.max())
     least = max(num.REFINED_OF_BEST * every[0].log_bayes.max(), num.REFINED_LOG_BAYES) if every else 0.0
     fine = [
-        _refined(problem, solution, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
+        _refined(problem, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
     fine += (one.weighed(problem) for one in of_other_imus(problem))
@@ -84,24 +84,22 @@ def times_of_change(t: Array) -> tuple[float, float]:
     return begin + margin, max(begin + margin, float(t[-2]))
 
 
-def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypothesis, shape: str) -> Trial | None:
+def _on_the_grid(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) -> Trial | None:
     """A kind and shape at the cuts of the grid, and where its readings step."""
-    parts = [on_cuts(problem, solution, grid, hypothesis, shape)]
+    parts = [on_cuts(problem, grid, hypothesis, shape)]
     if hypothesis.has_aiding(problem) and hypothesis.device != "imu" and shape in ("step", "pulse"):
         first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
-        sudden = np.sort(
-            velocity_impulses(problem, solution) if hypothesis.integrated else jumps(problem, solution, hypothesis)
-        )
+        sudden = np.sort(velocity_impulses(problem) if hypothesis.integrated else jumps(problem, hypothesis))
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
         lasts = end - begin >= num.PULSE_MIN_S[hypothesis.device]
         width = np.full(int(lasts.sum()), float(np.median(np.diff(problem.t))))
-        parts.append(at_times(problem, solution, hypothesis, shape, begin[lasts], end[lasts], width, width))
+        parts.append(at_times(problem, hypothesis, shape, begin[lasts], end[lasts], width, width))
     weighed = [one.weighed(problem) for one in parts if one is not None]
     return joined(weighed) if weighed else None
 
 
-def on_cuts(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypothesis, shape: str) -> Cells | None:
+def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) -> Cells | None:
     """A kind and shape at the cuts of the grid, or at every keyframe; None where the flight tells nothing of it."""
     if not hypothesis.has_aiding(problem):
         return None
@@ -109,7 +107,7 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypoth
     first, last = times_of_change(t)
     if (hypothesis.name, shape) in _AT_EVERY_KEYFRAME:
         block = _AT_EVERY_KEYFRAME[hypothesis.name, shape]
-        e, d = solution.disturbances
+        e, d = problem.solution.disturbances
         onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
         judged = (onset >= first) & (onset <= last)
         weight = np.diff(t) / (last - first)
@@ -117,7 +115,7 @@ def on_cuts(problem: Problem, solution: Solution, grid: Scan, hypothesis: Hypoth
             return None
         never = np.full(len(e), np.inf)
         times = onset[judged], never[judged], weight[judged]
-        own = np.diagonal(solution.motion.weight, axis1=1, axis2=2)[judged, block]
+        own = np.diagonal(problem.motion.weight, axis1=1, axis2=2)[judged, block]
         scores = _beyond_rounding(-e[judged, block], d[judged, block, block], own.max(axis=1))
         return _scored(problem, hypothesis, shape, times, scores)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
@@ -156,7 +154,6 @@ def _cells(
 
 def at_times(
     problem: Problem,
-    solution: Solution,
     hypothesis: Hypothesis,
     shape: str,
     onset: Array,
@@ -165,7 +162,7 @@ def at_times(
     long: Array,
 ) -> Cells | None:
     """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
-    scores = score(problem, solution, hypothesis, shape, onset, end) if len(onset) else None
+    scores = score(problem, hypothesis, shape, onset, end) if len(onset) else None
     if scores is None:
         return None
     return _scored(problem, hypothesis, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
@@ -178,9 +175,7 @@ def _scored(
     rougher = problem.rougher.get(hypothesis.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
     if hypothesis.device == "imu" and problem.others:
-        gradient, information = score_of_own(
-            problem.others, hypothesis.sensor, hypothesis.error, shape, times[0], times[1]
-        )
+        gradient, information = score_of_own(problem.others, hypothesis, shape, times[0], times[1])
         b, v = b + gradient, v + information
     return Cells(hypothesis, shape, *times, b, v)
 
@@ -206,7 +201,7 @@ def _of_another(problem: Problem, one: Differences, hypothesis: Hypothesis, shap
     else:
         onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
     weight = _weight(problem, onset, end, width, width)
-    scores = one.score(hypothesis.sensor, hypothesis.error, shape, onset, end)
+    scores = one.score(hypothesis, shape, onset, end)
     return Cells(hypothesis, shape, onset, end, weight, *scores, imu=one.instance)
 
 
@@ -227,7 +222,7 @@ def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]
     return values[first], values[last]
 
 
-def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Trial:
+def _refined(problem: Problem, one: Trial, grid: Scan) -> Trial:
     """The trial on a grid that is finer about its peak, in some rounds."""
     if (one.hypothesis.name, one.shape) in _AT_EVERY_KEYFRAME or len(grid.cuts) < 2:
         return one
@@ -248,7 +243,7 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
         if not right.any():
             return one
         cell = np.full(int(right.sum()), width)
-        scored = at_times(problem, solution, one.hypothesis, one.shape, onset[right], end[right], cell, cell)
+        scored = at_times(problem, one.hypothesis, one.shape, onset[right], end[right], cell, cell)
         if scored is None:
             return one
         fine = scored.weighed(problem)
@@ -257,7 +252,7 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
     return one
 
 
-def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
+def detectable(problem: Problem) -> dict[str, float]:
     """Hypothesis → the smallest that would have been accused in 95 % of flights like this, in the middle of it.
 
     Of an IMU's bias a step, of an aiding sensor what `num.CREEPS` says; in the kind's unit.
@@ -269,7 +264,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     count = len(t) - 1
     middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
     cell = float(np.median(np.diff(t))) / max(last - first, num.CHANGE_MIN_S)
-    _, d = solution.disturbances
+    _, d = problem.solution.disturbances
     for (name, shape), block in _AT_EVERY_KEYFRAME.items():
         hypothesis = hypothesis_of(name)
         if shape != "step" or not hypothesis.has_aiding(problem):
@@ -279,7 +274,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         smallest[name] = float(np.median(sizes))
     for name, lasts in num.CREEPS.items():
         hypothesis, onset = hypothesis_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
-        scores = score(problem, solution, hypothesis, "creep", onset, onset + lasts) if onset[0] >= first else None
+        scores = score(problem, hypothesis, "creep", onset, onset + lasts) if onset[0] >= first else None
         if scores is not None:
             known = np.linalg.eigvalsh(scores[1][0])[:1]
             rate = least_found(np.maximum(known, 1e-300), hypothesis, "creep", hours, cell, lasts)

@@ -9,12 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from companion.constants import healthy, num
-from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
-from companion.estimation.differences import Differences, differences, in_blocks
+from companion.estimation.aiding_sensors import FIXED, RECEIVER_MOTION, SENSORS, SLOW
+from companion.estimation.differences import Differences, in_blocks, weighed
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.gaps import broken_intervals, lost_by_clipping, lost_in_gaps
-from companion.estimation.gps_fixes import FIXED
-from companion.estimation.low_pass import BoolArray, restored, undelayed
+from companion.estimation.losses import BoolArray, broken_intervals, lost_by_clipping, lost_in_gaps, restored, undelayed
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, Aliased, States
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.readings import Intake, Readings
@@ -106,7 +104,7 @@ def set_up(
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
-    others = differences(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
+    others = weighed(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
     track = restored(track, np.diff(track.t) > longest)
     switched = np.diff(track.instance_at(t)) != 0
     return Setup(track, index, t, broken, switched, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),

@@ -18,9 +18,8 @@ from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.candidate import Candidate, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
-from companion.estimation.hypotheses import Problem
 from companion.estimation.identifiability import confusion_matrix
-from companion.estimation.iteration import Start, estimate, likelihood, preintegrated, resuming, start_of
+from companion.estimation.iteration import Start, estimate, likelihood, preintegrated, resuming, start_of, time_shifted
 from companion.estimation.learned_noise import (
     FIRST_NOISE,
     limits_trusting_imu,
@@ -28,7 +27,7 @@ from companion.estimation.learned_noise import (
     persistent_limits,
     scatter,
 )
-from companion.estimation.linearisation import Linear, linearise
+from companion.estimation.linearisation import linearise
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -44,8 +43,7 @@ from companion.estimation.model import (
 from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.shapes import SLOPED
-from companion.estimation.system import Solution, measurement_residual, solve
-from companion.estimation.time_shift import time_shifted
+from companion.estimation.system import Problem, measurement_residual
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
 
 
@@ -112,14 +110,13 @@ def explain(
     """
     accepted: list[Candidate] = []
     rivals: list[tuple[Rival, ...]] = []
-    shown = scatter(setup)
-    start, settled, linear = _begun(setup, starts, shown)
+    start, settled, linear = _begun(setup, starts)
     if (sigma := _bias_sigma(settled.states)) is not None:
         setup = replace(setup, bias_sigma=sigma)
         settled, linear = estimate(setup, replace(settled, near=True))
     further: tuple[Rival, ...] = ()
     while len(accepted) < most_causes:
-        adaptation = next_adaptation(setup, start, settled, linear, accepted, shown)
+        adaptation = next_adaptation(setup, start, settled, linear, accepted)
         if isinstance(adaptation, Adaptation):
             accepted.append(adaptation.candidate)
             rivals.append(adaptation.rivals)
@@ -132,16 +129,16 @@ def explain(
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
-    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior) if confusion else None
-    return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further, confusion=matrix)
+    matrix = confusion_matrix(linear) if confusion else None
+    return replace(_result(setup, settled, linear, accepted, rivals), further=further, confusion=matrix)
 
 
-def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:
+def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem]:
     """Where the iteration begins, and where it settles with nothing explained."""
-    tried: list[tuple[Start, Start, Linear]] = []
+    tried: list[tuple[Start, Start, Problem]] = []
     for start in starts:
         tried.append((start, *estimate(setup, start)))
-        if not tried[-1][1].noise.contradicts(shown):
+        if not tried[-1][1].noise.contradicts(scatter(setup)):
             break
     return max(tried, key=lambda one: likelihood(*one[1:]))
 
@@ -167,7 +164,7 @@ class Adaptation:
     candidate: Candidate
     setup: Setup
     settled: Start
-    linear: Linear
+    linear: Problem
     rivals: tuple[Rival, ...] = ()
 
 
@@ -175,22 +172,25 @@ def next_adaptation(
     setup: Setup,
     start: Start,
     settled: Start,
-    linear: Linear,
+    linear: Problem,
     accepted: Sequence[Candidate],
-    shown: tuple[float, float],
 ) -> Adaptation | tuple[Rival, ...]:
-    """The likeliest further cause with its rivals; the rivals alone where none is likelier than not.
+    """The likeliest further cause with its rivals; the likeliest faults first where none is likelier than not.
 
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
     It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew.
     """
-    begin = replace(settled, states=start.states) if settled.noise.contradicts(shown) else replace(settled, near=True)
-    usual = trials(linear.problem, linear.solution)
+    begin = (
+        replace(settled, states=start.states)
+        if settled.noise.contradicts(scatter(setup))
+        else replace(settled, near=True)
+    )
+    usual = trials(linear)
     candidates = _candidates(usual)
-    for limits in _doubted_noise(setup, settled, linear, accepted, shown):
+    for limits in _doubted_noise(setup, settled, linear, accepted):
         _, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
-        candidates |= _candidates(trials(believed.problem, believed.solution))
+        candidates |= _candidates(trials(believed))
     tried, weighed = _tried(setup, begin, accepted, candidates.values())
     weighed = weighed or [Candidate.of_trial(one) for one in usual]
     rivals = tuple(one.rival for one in weighed)
@@ -199,15 +199,14 @@ def next_adaptation(
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
         if best.imu is not None:  # nothing of the estimate changes
-            other = replace(linear, problem=beside(linear.problem, best))
-            return Adaptation(best, setup, settled, other, rivals)
+            return Adaptation(best, setup, settled, beside(linear, best), rivals)
         same = [one for one in tried if one.candidate.name == best.name]
         if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
             return replace(
                 own, rivals=rivals, candidate=replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
             )
         impossible.add(best.hypothesis.name)
-    return _likeliest_faults(rivals)
+    return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
 def _tried(
@@ -236,18 +235,13 @@ def _tried(
 
 def _weighed(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> list[Candidate]:
     """Every hypothesis in the place of the candidate, at its noise, the likeliest first."""
-    problem, solution = _without_the_last(setup, adaptation, accepted)
-    problem = replace(problem, rougher=local_noise(adaptation.linear, adaptation.candidate))
-    weighed = [Candidate.of_trial(one) for one in trials(problem, solution)]
+    rougher = local_noise(adaptation.linear, adaptation.candidate)
+    problem = replace(_without_the_last(setup, adaptation, accepted), rougher=rougher)
+    weighed = [Candidate.of_trial(one) for one in trials(problem)]
     if adaptation.candidate.taken:
         weighed = [_as_moved(one, adaptation) if one.name == adaptation.candidate.name else one for one in weighed]
         weighed.sort(key=lambda one: -one.log_odds)
     return weighed
-
-
-def _likeliest_faults(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
-    """Hypotheses of which none is accepted, the likeliest to be a fault first."""
-    return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
 def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], Candidate]:
@@ -260,11 +254,11 @@ def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], C
 
 
 def _doubted_noise(
-    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Candidate], shown: tuple[float, float]
+    setup: Setup, settled: Start, linear: Problem, accepted: Sequence[Candidate]
 ) -> Iterator[dict[str, tuple[float, float]]]:
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
-    if settled.noise.contradicts(shown) and not any(one.hypothesis.device == "imu" for one in accepted):
-        yield limits_trusting_imu(noise_limits(setup), shown)
+    if settled.noise.contradicts(scatter(setup)) and not any(one.hypothesis.device == "imu" for one in accepted):
+        yield limits_trusting_imu(setup)
     if settled.noise.gyro_wanders:
         yield noise_limits(setup) | {"gyro_walk": (FIRST_NOISE.gyro_walk, FIRST_NOISE.gyro_walk)}
     if limited := persistent_limits(setup, settled.scale, linear):
@@ -279,21 +273,20 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: 
     settled, linear = possible.estimated or estimate(
         possible.setup, start, [*accepted, possible.candidate], passes=num.TRIAL_PASSES
     )
-    last = possible.candidate.of(linear.problem)
+    last = possible.candidate.of(linear)
     size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
     if possible.candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.max_plausible).any():
         return None
     return Adaptation(possible.candidate, possible.setup, settled, linear)
 
 
-def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> tuple[Problem, Solution]:
+def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:
     """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
     if not adaptation.candidate.taken:
         return without(setup, adaptation.linear, [*accepted, adaptation.candidate], len(accepted))
     settled = adaptation.settled
     path = preintegrated(setup, settled.states, settled.path)
-    linear = linearise(setup, path, settled.states, adaptation.linear.noise, settled.scale, {}, settled.slow, accepted)
-    return linear.problem, linear.solution
+    return linearise(setup, path, settled.states, adaptation.linear.noise, settled.scale, {}, settled.slow, accepted)
 
 
 def _as_moved(candidate: Candidate, adaptation: Adaptation) -> Candidate:
@@ -310,9 +303,9 @@ def _as_moved(candidate: Candidate, adaptation: Adaptation) -> Candidate:
     )
 
 
-def without(setup: Setup, linear: Linear, accepted: Sequence[Candidate], one: int) -> tuple[Problem, Solution]:
-    """The problem without one of the hypotheses that it has, at the same states and noise, and its solution."""
-    problem, prior = linear.problem, linear.prior
+def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: int) -> Problem:
+    """The problem without one of the hypotheses that it has, at the same states and noise."""
+    prior = problem.prior
     widths = [0 if (s := candidate.of(problem)) is None else s.unknowns for candidate in accepted]
     first = CONSTANT_STATES + sum(widths[:one])
     keep = np.delete(np.arange(len(prior.constants_sigma)), np.arange(first, first + widths[one]))
@@ -321,22 +314,21 @@ def without(setup: Setup, linear: Linear, accepted: Sequence[Candidate], one: in
     prior = replace(
         prior, constants_residual=prior.constants_residual[keep], constants_sigma=prior.constants_sigma[keep]
     )
-    left = replace(problem, motion=motion, measurements=measurements, others=setup.others)
+    left = replace(problem, motion=motion, measurements=measurements, prior=prior, others=setup.others)
     for candidate in (*accepted[:one], *accepted[one + 1 :]):
         left = beside(left, candidate)
-    return left, solve(len(problem.t), motion, measurements, prior)
+    return left
 
 
-def _rivals(setup: Setup, linear: Linear, accepted: Sequence[Candidate], one: int) -> tuple[Rival, ...]:
+def _rivals(setup: Setup, linear: Problem, accepted: Sequence[Candidate], one: int) -> tuple[Rival, ...]:
     """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
     if accepted[one].taken:
         return ()
-    problem, solution = without(setup, linear, accepted, one)
-    problem = replace(problem, rougher=local_noise(linear, accepted[one]))
-    return tuple(Candidate.of_trial(other).rival for other in trials(problem, solution))
+    problem = replace(without(setup, linear, accepted, one), rougher=local_noise(linear, accepted[one]))
+    return tuple(Candidate.of_trial(other).rival for other in trials(problem))
 
 
-def local_noise(linear: Linear, candidate: Candidate) -> dict[str, float]:
+def local_noise(linear: Problem, candidate: Candidate) -> dict[str, float]:
     """Times by which gyro and accelerometer scatter more about a cause than in the whole flight: variances, 1 or more.
 
     Of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher, as by
@@ -344,7 +336,7 @@ def local_noise(linear: Linear, candidate: Candidate) -> dict[str, float]:
     has only begun explains what scatters since, but not what scattered before.
     """
     e, d = linear.solution.disturbances
-    t, own = linear.problem.t, np.diagonal(d, axis1=1, axis2=2)
+    t, own = linear.t, np.diagonal(d, axis1=1, axis2=2)
     within = (t[1:] > candidate.onset - num.ROUGH_STRETCH_S) & (t[:-1] < candidate.end)
 
     def ratio(block: slice) -> float:
@@ -357,10 +349,9 @@ def local_noise(linear: Linear, candidate: Candidate) -> dict[str, float]:
 def _result(
     setup: Setup,
     settled: Start,
-    linear: Linear,
+    linear: Problem,
     accepted: Sequence[Candidate],
     rivals: Sequence[tuple[Rival, ...]],
-    shown: tuple[float, float],
 ) -> BestEstimate:
     states = settled.states
     covariance = linear.solution.covariances()
@@ -378,7 +369,7 @@ def _result(
     heading = "compass" if "compass" in residuals else "GPS and acceleration"
     if "gps_velocity" not in residuals and "compass" not in residuals:
         heading = "first guess"
-    parts, together = explained(linear.problem, linear.solution, accepted, rivals, setup.others)
+    parts, together = explained(linear, accepted, rivals, setup.others)
     return BestEstimate(
         imu=setup.imu,
         index=setup.index,
@@ -389,14 +380,14 @@ def _result(
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],
         constants_sigma=np.sqrt(np.maximum(of_constants, 0.0)),
-        errors=constant_errors(states, linear.solution, linear.prior),
+        errors=constant_errors(states, linear),
         first_half=of_first_half(linear),
         noise=settled.noise,
         correlated=(
             linear.noise.gyro_noise / settled.noise.gyro_noise,
             linear.noise.accel_noise / settled.noise.accel_noise,
         ),
-        scatter=shown,
+        scatter=scatter(setup),
         measurement_scale=dict(settled.scale),
         slow_sigma=dict(settled.slow),
         residuals=residuals,
@@ -404,7 +395,7 @@ def _result(
         origin=setup.origin,
         explained=parts,
         explained_covariance=together,
-        detectable=detectable(linear.problem, linear.solution),
+        detectable=detectable(linear),
         heading_from=heading,
         notes=setup.notes,
         converged=settled.gain < num.UNSETTLED_MISFIT,

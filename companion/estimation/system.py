@@ -8,16 +8,21 @@ sum of all squared residuals is least where A x + B c = b and Bᵀ x + C c = b_c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num
-from companion.estimation.block_tridiagonal import Factor, crossed, factorise, gram
+from companion.estimation.block_tridiagonal import Factor, crossed, factorise, gram, roots
 from companion.model import Array
+
+if TYPE_CHECKING:
+    from companion.estimation.differences import Differences
+    from companion.estimation.model import Aliased, ProcessNoise, States
 
 Index = npt.NDArray[np.intp]
 
@@ -65,6 +70,68 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
+class Problem:
+    """The problem made linear about the present states, and its solution, which is made when it is asked for."""
+
+    t: Array  # (K,) s
+    states: States  # about which
+    gravity: float  # m/s²
+    motion: Motion
+    measurements: tuple[Measurement, ...]
+    prior: Prior
+    noise: ProcessNoise  # that the motion is made of
+    turn: Array  # (K-1, 3, 3) from the frame of the sums to NED
+    sums: Mapping[str, Array]  # cause → (K-1, n, n) of MOVED in the frame of the sums, per squared density
+    variance: Array  # (K-1, 15) of the process noise in the frame of the sums
+    aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
+    others: tuple[Differences, ...]  # what the other IMUs read more
+    rougher: Mapping[str, float] = field(default_factory=dict)  # see `smoother.local_noise`
+
+    @cached_property
+    def solution(self) -> Solution:
+        """Raises numpy.linalg.LinAlgError where something is not determined by any factor."""
+        return solve(len(self.t), self.motion, self.measurements, self.prior)
+
+    def measurement(self, name: str) -> Measurement | None:
+        """The measurements of an aiding sensor."""
+        return next((one for one in self.measurements if one.name == name), None)
+
+    def well_observed(self, name: str) -> Measurement | None:
+        """The same of an aiding sensor that was heard often enough to show a change; None otherwise."""
+        one = self.measurement(name)
+        return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
+
+    def with_residuals(
+        self,
+        motion: Array,
+        measured: Iterable[Array],
+        prior: tuple[Array, ...],
+        apart: Iterable[Mapping[str, Array]] = (),
+    ) -> Problem:
+        """N data sets: of motion (K-1, n, N), each sensor (M, d, N), states (n, N), constants (C, N), other IMUs."""
+        return replace(
+            self,
+            motion=replace(self.motion, residual=motion),
+            measurements=tuple(
+                replace(one, residual=own) for one, own in zip(self.measurements, measured, strict=True)
+            ),
+            prior=replace(self.prior, residual=prior[0], constants_residual=prior[1]),
+            others=tuple(replace(one, value=own) for one, own in zip(self.others, apart, strict=False)),
+        )
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Problem:
+        """Data sets of the noise of motion and aiding sensors, the first keyframe and the constants as believed."""
+        weight, prior = self.motion.weight, self.prior
+        motion = roots(weight).swapaxes(-1, -2) @ rng.standard_normal((*weight.shape[:2], count))
+        measured = [
+            rng.standard_normal((*one.residual.shape, count)) / np.sqrt(np.maximum(one.information, 1e-300))[..., None]
+            for one in self.measurements
+        ]
+        nothing = np.zeros((len(prior.sigma), count)), np.zeros((len(prior.constants_sigma), count))
+        return self.with_residuals(motion, measured, nothing)
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """The least-squares solution, and what is needed to ask it further questions."""
 
@@ -108,33 +175,22 @@ class Solution:
         d *= known[:, None, :]
         return blocks[0], e * known.reshape(*known.shape, *[1] * (e.ndim - 2)), d
 
-    def redrawn(
-        self,
-        motion: Array,
-        measured: Sequence[tuple[Measurement, Array]],
-        prior: tuple[Array, Array] | None = None,
-    ) -> tuple[Array, Array]:
-        """x (K, n, N) and c (C, N) of N data sets: other residuals of the same problem.
-
-        Of motion (K-1, n, N), of each sensor (M, d, N), and of the priors (n, N) and (C, N), times their information;
-        zero where they are not given.
-        """
-        count = motion.shape[-1]
-        rhs, inner = np.zeros((*self.x.shape, count)), np.zeros((len(self.c), count))
-        if prior is not None:
-            rhs[0] += prior[0]
-            inner += prior[1]
-        weighted = self.motion.weight @ motion
-        rhs[:-1] -= self.motion.transition.swapaxes(-1, -2) @ weighted
+    def redrawn(self, other: Problem) -> Solution:
+        """That of N data sets, other residuals of the same problem: x (K, n, N) and c (C, N)."""
+        prior, weighted = other.prior, other.motion.weight @ other.motion.residual
+        rhs = np.zeros((*self.x.shape, weighted.shape[-1]))
+        rhs[0] = prior.residual / prior.sigma[:, None] ** 2
+        inner = prior.constants_residual / prior.constants_sigma[:, None] ** 2
+        rhs[:-1] -= other.motion.transition.swapaxes(-1, -2) @ weighted
         rhs[1:] += weighted
-        inner -= np.tensordot(self.motion.constants, weighted, axes=((0, 1), (0, 1)))
-        for one, residual in measured:
-            own = one.information[..., None] * residual
+        inner -= np.tensordot(other.motion.constants, weighted, axes=((0, 1), (0, 1)))
+        for one in other.measurements:
+            own = one.information[..., None] * one.residual
             rhs[one.keyframe] += one.states.swapaxes(-1, -2) @ own  # each keyframe once
             inner += np.tensordot(one.constants, own, axes=((0, 1), (0, 1)))
         border = self.border
         c = self.constants_covariance @ (inner - np.tensordot(border, rhs, axes=((0, 1), (0, 1))))
-        return self.factor.solve(rhs) - border @ c, c
+        return replace(self, motion=other.motion, x=self.factor.solve(rhs) - border @ c, c=c)
 
     def covariances(self) -> Array:
         """Covariance (K, n, n) of every keyframe, the constants unknown."""
@@ -239,10 +295,10 @@ def squares(motion: Array, weight: Array, measured: Iterable[tuple[Array, Array]
     return total + sum(float((left**2 * information).sum()) for left, information in measured)
 
 
-def misfit(motion: Motion, measurements: Sequence[Measurement], solution: Solution) -> float:
+def misfit(problem: Problem) -> float:
     """The sum of the squares of all that the solution leaves, each divided by its σ; priors left out."""
-    measured = ((measurement_residual(one, solution), one.information) for one in measurements)
-    return squares(motion_residual(motion, solution), motion.weight, measured)
+    measured = ((measurement_residual(one, problem.solution), one.information) for one in problem.measurements)
+    return squares(motion_residual(problem.motion, problem.solution), problem.motion.weight, measured)
 
 
 def motion_residual_covariance(

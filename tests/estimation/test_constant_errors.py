@@ -10,10 +10,9 @@ import pytest
 from companion.estimation import smooth
 from companion.estimation.constant_errors import allowing, constant_errors, of_first_half
 from companion.estimation.iteration import estimate, start_of
-from companion.estimation.linearisation import Linear
 from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.system import solve
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array
 from tests.estimation.sensed import BIASES, sensed, with_imu
 
@@ -21,13 +20,13 @@ MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
 
 
 @pytest.fixture(scope="module")
-def linear() -> Linear:
+def linear() -> Problem:
     flight, _ = sensed(16.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     return estimate(setup, start_of(setup, first_guess(setup, flight)))[1]
 
 
-def dense(one: Linear) -> tuple[Array, int]:
+def dense(one: Problem) -> tuple[Array, int]:
     """The covariance of all states and constants, by inverting all information at once."""
     (count, states), width = one.solution.x.shape, len(one.solution.c)
     information = np.zeros((count * states + width,) * 2)
@@ -57,27 +56,27 @@ def dense(one: Linear) -> tuple[Array, int]:
     return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), count
 
 
-def test_the_mean_bias_goes_with_the_matrices_as_in_the_dense_problem(linear: Linear) -> None:
+def test_the_mean_bias_goes_with_the_matrices_as_in_the_dense_problem(linear: Problem) -> None:
     (covariance, count), states = dense(linear), linear.solution.x.shape[1]
     pick = np.zeros((24, len(covariance)))
     for k in range(count):
         own = k * states + np.r_[GYRO_BIAS, ACCEL_BIAS]
         pick[np.arange(6), own] = 1.0 / count
     pick[6 + np.arange(18), count * states + MATRICES] = 1.0
-    found = constant_errors(linear.states, linear.solution, linear.prior)
+    found = constant_errors(linear.states, linear)
     sigma = np.sqrt(np.diag(found.covariance))
     expected = pick @ covariance @ pick.T
     np.testing.assert_allclose(found.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-4)
     np.testing.assert_allclose(found.values[:3], linear.states.gyro_bias.mean(axis=0))
 
 
-def test_wider_scales_are_as_if_they_had_been_believed_in_before(linear: Linear) -> None:
-    problem, prior = linear.problem, linear.prior
+def test_wider_scales_are_as_if_they_had_been_believed_in_before(linear: Problem) -> None:
+    prior = linear.prior
     sigma = prior.constants_sigma.copy()
     sigma[MATRICES[[0, 4, 8]]], sigma[MATRICES[[9, 13, 17]]] = 0.02, 0.01
-    again = solve(len(problem.t), problem.motion, problem.measurements, replace(prior, constants_sigma=sigma))
-    expected = constant_errors(linear.states.moved(again.x, again.c), again, linear.prior)
-    once = constant_errors(linear.states.moved(linear.solution.x, linear.solution.c), linear.solution, linear.prior)
+    wide = replace(linear, prior=replace(prior, constants_sigma=sigma))
+    expected = constant_errors(linear.states.moved(wide.solution.x, wide.solution.c), wide)
+    once = constant_errors(linear.states.moved(linear.solution.x, linear.solution.c), linear)
     found = allowing(once, 0.02, 0.01)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-4, atol=1e-12)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-4, atol=1e-7)
@@ -86,20 +85,19 @@ def test_wider_scales_are_as_if_they_had_been_believed_in_before(linear: Linear)
     np.testing.assert_allclose(narrower.covariance, once.covariance)
 
 
-def test_the_first_half_has_not_heard_the_second(linear: Linear) -> None:
+def test_the_first_half_has_not_heard_the_second(linear: Problem) -> None:
     """As the whole chain without what is told after the middle; all of it tells more."""
-    problem = linear.problem
     middle, found = of_first_half(linear)
-    assert middle == pytest.approx(0.5 * (problem.t[0] + problem.t[-1]))
-    told = [
-        replace(one, weight=np.where(problem.t[one.keyframe] <= middle, one.weight, 1e-12))
-        for one in problem.measurements
-    ]
-    deaf = solve(len(problem.t), problem.motion, told, linear.prior)
-    whole = constant_errors(linear.states.moved(deaf.x, deaf.c), deaf, linear.prior)
+    assert middle == pytest.approx(0.5 * (linear.t[0] + linear.t[-1]))
+    told = tuple(
+        replace(one, weight=np.where(linear.t[one.keyframe] <= middle, one.weight, 1e-12))
+        for one in linear.measurements
+    )
+    deaf = replace(linear, measurements=told)
+    whole = constant_errors(linear.states.moved(deaf.solution.x, deaf.solution.c), deaf)
     np.testing.assert_allclose(found.values[6:], whole.values[6:], rtol=1e-3, atol=1e-7)
     np.testing.assert_allclose(found.covariance[6:, 6:], whole.covariance[6:, 6:], rtol=1e-3, atol=1e-10)
-    every = constant_errors(linear.states, linear.solution, linear.prior)
+    every = constant_errors(linear.states, linear)
     assert (np.diag(every.covariance) <= np.diag(found.covariance) * (1 + 1e-9)).all()
 
 

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.estimation import BestEstimate, probabilities, smooth
-from companion.estimation.differences import Error, differences, in_blocks
+from companion.estimation import BestEstimate, hypothesis_of, probabilities, smooth
+from companion.estimation.candidate import Candidate
+from companion.estimation.differences import in_blocks, weighed
 from companion.model import Array, Flight, ImuTrack, SensorInUse
 from tests.estimation.sensed import sensed
 
@@ -119,23 +120,23 @@ def _without(track: ImuTrack, begin: float, end: float) -> ImuTrack:
 def test_the_order_of_two_imus_is_that_of_the_sign() -> None:
     """What one tells of an error of the other is the negative of what the other tells of the same."""
     one, other = flown().imu(), sibling(gyro=step(0.0, 0.02, 0.0))
-    (there,), (back,) = (differences(in_blocks(beside(other), used)) for used in (one, other))
+    (there,), (back,) = (weighed(in_blocks(beside(other), used)) for used in (one, other))
     times = np.array([ONSET]), np.array([np.inf])
-    b, v = there.score("gyro", "bias", "step", *times)
-    b_back, v_back = back.score("gyro", "bias", "step", *times)
+    b, v = there.score(hypothesis_of("gyro_bias"), "step", *times)
+    b_back, v_back = back.score(hypothesis_of("gyro_bias"), "step", *times)
     assert b == pytest.approx(-b_back)
     assert v == pytest.approx(v_back)
     assert (b / np.diagonal(v, axis1=1, axis2=2))[0] == pytest.approx([0.0, 0.02, 0.0], abs=1e-3)
 
 
 def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> None:
-    (one,) = differences(in_blocks(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu()))
-    error = Error("gyro", "bias", 1e3, "step", ONSET, np.inf, -1)
+    (one,) = weighed(in_blocks(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu()))
+    error = Candidate(replace(hypothesis_of("gyro_bias"), prior=1e3), "step", ONSET, np.inf, 0.1, -1, 0.0, 0.0)
     ((size, sigma),) = one.sizes([error])
-    b, v = one.score("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    b, v = one.score(hypothesis_of("gyro_bias"), "step", np.array([ONSET]), np.array([np.inf]))
     assert size == pytest.approx(np.linalg.solve(v[0], b[0]))
     assert sigma == pytest.approx(np.diagonal(v[0]) ** -0.5)
-    b, v = one.beside(error).score("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    b, v = one.beside(error).score(hypothesis_of("gyro_bias"), "step", np.array([ONSET]), np.array([np.inf]))
     assert abs(b).max() < 1e-2 * sigma.min() ** -1
     assert np.trace(v[0]) < 1e-3
 
@@ -146,5 +147,5 @@ def test_sensors_without_noise_have_finite_weights() -> None:
     twin = replace(own, source="IMU[1]", instance=own.instance + 1)
     jolted = replace(twin, accel=twin.accel + ((own.t > 30.0) & (own.t < 30.5))[:, None] * np.array([0.0, 0.0, 3.0]))
     for other in (twin, jolted):
-        (one,) = differences(in_blocks(beside(other), own))
+        (one,) = weighed(in_blocks(beside(other), own))
         assert all(np.isfinite(weight).all() for weight in one.weight.values())

@@ -9,8 +9,9 @@ import pytest
 
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import FIRST_NOISE
-from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
+from companion.estimation.linearisation import linearise, preintegrate_imu
 from companion.estimation.setup import first_guess, set_up
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed
 
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.slow
 CONSTANTS = 10**6  # GTSAM's key of the flight's constants
 
 
-def problem() -> Linear:
+def problem() -> Problem:
     flight, _ = sensed(20.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     states = first_guess(setup, flight)
@@ -29,7 +30,7 @@ def problem() -> Linear:
     return linearise(setup, path, states, FIRST_NOISE, scale, {}, start_of(setup, states).slow)
 
 
-def in_gtsam(linear: Linear) -> Any:
+def in_gtsam(linear: Problem) -> Any:
     """The factors of a linear problem, each whitened."""
     graph, unit = gtsam.GaussianFactorGraph(), gtsam.noiseModel.Unit.Create
     motion, prior = linear.motion, linear.prior

@@ -14,12 +14,11 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hypothesis_of, probabilities, smooth
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
-from companion.estimation.hypotheses import Problem
 from companion.estimation.learned_noise import FIRST_NOISE
-from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
+from companion.estimation.linearisation import linearise, preintegrate_imu
 from companion.estimation.scan import scan, score
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.system import Prior, Solution, motion_residual, solve
+from companion.estimation.system import Problem, motion_residual
 from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
@@ -225,7 +224,7 @@ def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def linear() -> Linear:
+def linear() -> Problem:
     """The linear problem of a short flight, as it stands before anything is explained."""
     flight, _ = sensed(25.0, "circle")
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
@@ -238,8 +237,9 @@ def linear() -> Linear:
     return found
 
 
-def misfit(problem: Problem, prior: Prior, solution: Solution) -> float:
+def misfit(problem: Problem) -> float:
     """The sum of all squared residuals."""
+    prior, solution = problem.prior, problem.solution
     left = motion_residual(problem.motion, solution)
     total = float(np.einsum("ki,kij,kj->", left, problem.motion.weight, left))
     for one in problem.measurements:
@@ -253,24 +253,23 @@ LAWS = [(kind.name, shape) for kind in HYPOTHESES for shape in kind.shapes if sh
 
 
 @pytest.mark.parametrize(("name", "shape"), LAWS)
-def test_the_score_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, name: str, shape: str) -> None:
+def test_the_score_is_that_of_estimating_anew_with_the_unknowns(linear: Problem, name: str, shape: str) -> None:
     """A law: score() asks the old solution what `solve` with further unknowns would say."""
     kind = hypothesis_of(name)
-    problem, solution = linear.problem, linear.solution
-    found = score(problem, solution, kind, shape, np.array([11.3]))
+    found = score(linear, kind, shape, np.array([11.3]))
     assert found is not None
     b, v = found[0][0], found[1][0]
-    wider = with_candidate(problem, linear.prior, Candidate(kind, shape, 11.3, np.inf, 0.1, -1, 0.0, 0.0))
-    again = solve(len(problem.t), wider[0].motion, wider[0].measurements, wider[1])
+    wider = with_candidate(linear, Candidate(kind, shape, 11.3, np.inf, 0.1, -1, 0.0, 0.0))
+    again = wider.solution
     unknowns = len(b)
-    covariance = np.linalg.inv(v + np.diag(wider[1].constants_sigma[-unknowns:] ** -2.0))
+    covariance = np.linalg.inv(v + np.diag(wider.prior.constants_sigma[-unknowns:] ** -2.0))
     np.testing.assert_allclose(
         again.c[-unknowns:], covariance @ b, rtol=1e-4, atol=1e-3 * float(np.sqrt(covariance.max()))
     )
     np.testing.assert_allclose(
         again.constants_covariance[-unknowns:, -unknowns:], covariance, rtol=1e-4, atol=1e-4 * covariance.max()
     )
-    better = misfit(problem, linear.prior, solution) - misfit(*wider, again)
+    better = misfit(linear) - misfit(wider)
     assert b @ covariance @ b == pytest.approx(better, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
 
 
@@ -285,32 +284,32 @@ def assert_same(one: tuple[Array, Array] | None, other: tuple[Array, Array] | No
 
 
 @pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
-def test_the_scan_says_what_the_score_of_each_onset_says(linear: Linear, name: str, shape: str) -> None:
+def test_the_scan_says_what_the_score_of_each_onset_says(linear: Problem, name: str, shape: str) -> None:
     """A law: columns of stretches, summed, are hypotheses from cut to cut; readings count from their keyframe on."""
     kind = hypothesis_of(name)
-    at_keyframes = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
-    problem, solution = replace(linear.problem, measurements=at_keyframes), linear.solution
+    at_keyframes = tuple(replace(one, t=linear.t[one.keyframe]) for one in linear.measurements)
+    problem = replace(linear, measurements=at_keyframes)
     onset, end = np.array([1, 2, 5]), np.array([4, 7, 6])
     ends = shape in ("pulse", "creep")
     for stretches in (9, len(problem.t)):  # of a short flight every keyframe is a cut, and none is inside
-        grid = scan(problem, solution, stretches)
+        grid = scan(problem, stretches)
         found = grid.score(name, shape, onset, end if ends else None)
-        assert_same(found, score(problem, solution, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
+        assert_same(found, score(problem, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
 
 
 @pytest.mark.parametrize("together", [10**6, 1])
 @pytest.mark.parametrize(("name", "shape"), [law for law in GRID_LAWS if law[1] in ("pulse", "creep", "ramp")])
 def test_what_is_scored_together_is_each_alone(
-    linear: Linear, name: str, shape: str, together: int, monkeypatch: pytest.MonkeyPatch
+    linear: Problem, name: str, shape: str, together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A law: from moment to moment is the sum of all that lies between, whatever else is tried."""
     monkeypatch.setattr("companion.constants.num.WEIGH_SIZE", together)
     onset, end = np.array([5.1, 9.0, 5.1, 16.2]), np.array([9.0, 14.7, 14.7, 18.0])
     ends = shape != "ramp"
-    problem, solution, kind = linear.problem, linear.solution, hypothesis_of(name)
-    found = score(problem, solution, kind, shape, onset, end if ends else None)
+    problem, kind = linear, hypothesis_of(name)
+    found = score(problem, kind, shape, onset, end if ends else None)
     assert found is not None
     for i in range(len(onset)):
         one = slice(i, i + 1)
-        alone = score(problem, solution, kind, shape, onset[one], end[one] if ends else None)
+        alone = score(problem, kind, shape, onset[one], end[one] if ends else None)
         assert_same((found[0][one], found[1][one]), alone)

@@ -11,13 +11,12 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import HYPOTHESES, hypothesis_of
 from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import probabilities
-from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise
+from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise, solved
 from companion.estimation.iteration import estimate, start_of
-from companion.estimation.linearisation import Linear
 from companion.estimation.scan import score
 from companion.estimation.search import trials
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.system import Prior, solve
+from companion.estimation.system import Prior, Problem
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed
 
@@ -28,7 +27,7 @@ SIDES = {"nobody", "perhaps harmless", "cannot tell", *(kind.name for kind in HY
 
 
 @pytest.fixture(scope="module")
-def linear() -> Linear:
+def linear() -> Problem:
     """The linear problem of a healthy flight, where its estimate settles."""
     flight, _ = sensed(60.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
@@ -36,26 +35,26 @@ def linear() -> Linear:
 
 
 @pytest.fixture(scope="module")
-def experiment(linear: Linear) -> Experiment:
-    return Experiment.of(linear.problem, linear.solution, linear.prior, 20, seed=1)
+def experiment(linear: Problem) -> Experiment:
+    return Experiment.of(linear, 20, seed=1)
 
 
-def faults(linear: Linear) -> tuple[Fault, ...]:
-    heard = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
-    return injected(replace(linear.problem, measurements=heard), linear.solution)[0]
+def faults(linear: Problem) -> tuple[Fault, ...]:
+    heard = tuple(replace(one, t=linear.t[one.keyframe]) for one in linear.measurements)
+    return injected(replace(linear, measurements=heard))[0]
 
 
-def test_every_kind_is_injected_or_said_not_to_show(linear: Linear, experiment: Experiment) -> None:
-    possible = {kind.name for kind in HYPOTHESES if not kind.nuisance and kind.of(linear.problem) is not None}
+def test_every_kind_is_injected_or_said_not_to_show(linear: Problem, experiment: Experiment) -> None:
+    possible = {kind.name for kind in HYPOTHESES if not kind.nuisance and kind.of(linear) is not None}
     assert {fault.hypothesis.name for fault in experiment.faults} | set(experiment.not_shown) == possible
 
 
 @pytest.mark.parametrize("kind", ["gyro_bias", "accel_scale", "gps_position", "gps_motion", "compass_field"])
-def test_the_score_of_a_fault_alone_is_its_information_times_its_size(linear: Linear, kind: str) -> None:
+def test_the_score_of_a_fault_alone_is_its_information_times_its_size(linear: Problem, kind: str) -> None:
     """An analytic truth: b = Sᵀ W S u, and the size that it leads to is u, at each of its times."""
     (fault,) = (one for one in faults(linear) if one.hypothesis.name == kind)
-    problem, solution = fault.alone(linear.problem).solved(linear.problem, linear.solution)
-    found = score(problem, solution, fault.hypothesis, fault.shape, fault.onset, fault.end)
+    problem = solved(linear, [fault.alone(linear)])
+    found = score(problem, fault.hypothesis, fault.shape, fault.onset, fault.end)
     assert found is not None
     b, v = found
     for i in range(len(fault.onset)):
@@ -63,14 +62,13 @@ def test_the_score_of_a_fault_alone_is_its_information_times_its_size(linear: Li
         np.testing.assert_allclose(b[i, :, i], expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
-def test_noise_alone_scatters_every_score_by_its_information(linear: Linear) -> None:
+def test_noise_alone_scatters_every_score_by_its_information(linear: Problem) -> None:
     """A law: b ~ N(0, V). Of 500 data sets, the mean square is right to three of its standard errors in most cases."""
-    drawn = noise(linear.problem, linear.prior, np.random.default_rng(3), 500)
-    problem, solution = drawn.solved(linear.problem, linear.solution)
+    problem = solved(linear, [noise(linear, np.random.default_rng(3), 500)])
     ratios = []
     for kind in HYPOTHESES:
         for shape in kind.shapes:
-            found = score(problem, solution, kind, shape, np.array([25.3]), np.array([38.1]))
+            found = score(problem, kind, shape, np.array([25.3]), np.array([38.1]))
             assert found is not None
             own = np.diagonal(found[1][0])
             ratios += ((found[0][0] ** 2).mean(axis=1)[own > 0] / own[own > 0]).tolist()
@@ -79,27 +77,30 @@ def test_noise_alone_scatters_every_score_by_its_information(linear: Linear) -> 
 
 
 def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are_wrong(
-    linear: Linear, experiment: Experiment
+    linear: Problem, experiment: Experiment
 ) -> None:
     """The external reliability against an oracle: the problem with the fault in its readings, solved anew."""
     (fault,) = (one for one in experiment.faults if one.hypothesis.name == "gps_position")
     moved = experiment.moved[experiment.faults.index(fault)]
     alone, prior = fault.alone(experiment.problem), linear.prior
-    motion = replace(linear.motion, residual=alone.motion[..., 0])
-    read = [replace(m, residual=own[..., 0]) for m, own in zip(linear.measurements, alone.measured, strict=True)]
+    motion = replace(linear.motion, residual=alone.motion.residual[..., 0])
+    read = tuple(
+        replace(m, residual=own.residual[..., 0])
+        for m, own in zip(linear.measurements, alone.measurements, strict=True)
+    )
     nothing = Prior(
         np.zeros_like(prior.sigma), prior.sigma, np.zeros_like(prior.constants_sigma), prior.constants_sigma
     )
-    anew = solve(len(linear.problem.t), motion, read, nothing)
+    anew = replace(linear, motion=motion, measurements=read, prior=nothing).solution
     position = np.linalg.norm(anew.x[:, 6:9], axis=1).max()
     assert 0.8 * moved[3] < position <= moved[3] * (1.0 + 1e-9)  # the largest of five times
     assert 1.0 < moved[3] < 1.5  # nothing but GPS tells of a position; its motion carries the error on past the ends
 
 
-def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Linear) -> None:
-    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=200, hypotheses=NAMED)
+def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Problem) -> None:
+    matrix = confusion_matrix(linear, draws=200, hypotheses=NAMED)
     assert [row.kind for row in matrix.rows] == [kind.name for kind in NAMED]
-    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 200, seed=1, hypotheses=NAMED)
+    fresh = Experiment.of(linear, 200, seed=1, hypotheses=NAMED)
     for i, row in enumerate(matrix.rows):
         assert set(row.called) <= SIDES
         assert sum(row.called.values()) == pytest.approx(1.0)
@@ -110,32 +111,29 @@ def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(li
         assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
 
 
-def test_the_same_flight_has_the_same_matrix(linear: Linear) -> None:
-    one, other = (
-        confusion_matrix(linear.problem, linear.solution, linear.prior, draws=10, hypotheses=NAMED) for _ in range(2)
-    )
+def test_the_same_flight_has_the_same_matrix(linear: Problem) -> None:
+    one, other = (confusion_matrix(linear, draws=10, hypotheses=NAMED) for _ in range(2))
     assert one == other
 
 
-def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experiment, linear: Linear) -> None:
+def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experiment, linear: Problem) -> None:
     """An oracle: the search with all its refinement, on one data set, accuses as the matrix has it."""
     problem = experiment.problem
     (fault,) = (one for one in faults(linear) if one.hypothesis.name == "gyro_bias")
-    drawn, alone = noise(problem, linear.prior, np.random.default_rng(9), 1), fault.alone(problem)
-    motion = drawn.motion[..., 0] + 0.8 * fault.size * alone.motion[..., 0]
+    drawn, alone = noise(problem, np.random.default_rng(9), 1), fault.alone(problem)
+    motion = drawn.motion.residual[..., 0] + 0.8 * fault.size * alone.motion.residual[..., 0]
     read = tuple(
-        replace(one, residual=own[..., 0] + 0.8 * fault.size * other[..., 0])
-        for one, own, other in zip(problem.measurements, drawn.measured, alone.measured, strict=True)
+        replace(one, residual=own.residual[..., 0] + 0.8 * fault.size * other.residual[..., 0])
+        for one, own, other in zip(problem.measurements, drawn.measurements, alone.measurements, strict=True)
     )
-    moved = replace(problem, motion=replace(problem.motion, residual=motion), measurements=read)
     prior = linear.prior
     believed = replace(
         prior,
-        residual=drawn.prior[0][:, 0] * prior.sigma**2,
-        constants_residual=drawn.prior[1][:, 0] * prior.constants_sigma**2,
+        residual=drawn.prior.residual[:, 0],
+        constants_residual=drawn.prior.constants_residual[:, 0],
     )
-    anew = solve(len(problem.t), moved.motion, read, believed)
-    searched = probabilities([Candidate.of_trial(one).rival for one in trials(moved, anew)])
-    mine = Experiment.of(problem, linear.solution, prior, 1, seed=9)
+    moved = replace(problem, motion=replace(problem.motion, residual=motion), measurements=read, prior=believed)
+    searched = probabilities([Candidate.of_trial(one).rival for one in trials(moved)])
+    mine = Experiment.of(problem, 1, seed=9)
     told = mine.judged([one.hypothesis.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).accused
     assert (searched["imu"] >= ACCUSED) == bool(told)

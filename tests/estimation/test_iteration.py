@@ -1,4 +1,4 @@
-"""Steps of Gauss-Newton: they lead downhill, as far as they say near their beginning, and further in no case."""
+"""Steps of Gauss-Newton lead downhill, as far as they say near their beginning; late readings go where they belong."""
 
 from __future__ import annotations
 
@@ -11,23 +11,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.constants import num
-from companion.estimation import iteration
+from companion.constants import healthy, num
+from companion.constants.priors import ACCUSED
+from companion.estimation import hypothesis_of, iteration, probabilities, smooth
 from companion.estimation.candidate import Candidate
-from companion.estimation.hypotheses import hypothesis_of
-from companion.estimation.iteration import Point, Step, estimate, in_noise, likelihood, preintegrated, start_of
+from companion.estimation.iteration import (
+    Point,
+    Step,
+    estimate,
+    in_noise,
+    likelihood,
+    preintegrated,
+    start_of,
+    time_shifted,
+)
 from companion.estimation.learned_noise import FIRST_NOISE
-from companion.estimation.linearisation import Linear, PreintegratedImu, linearise, preintegrate_imu
+from companion.estimation.linearisation import PreintegratedImu, linearise, preintegrate_imu
+from companion.estimation.readings import Readings
 from companion.estimation.setup import Setup, first_guess, set_up
-from companion.model import STANDARD_GRAVITY, Array
-from companion.strapdown import quaternion
-from tests.estimation.sensed import sensed, with_imu
+from companion.estimation.system import Problem
+from companion.model import STANDARD_GRAVITY, Array, Flight
+from companion.strapdown import Motion, quaternion
+from tests.estimation.sensed import LATENCY, errors, gps_of, sensed, with_imu
 
 NOTHING = np.zeros(0)
 
 
 @cache
-def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
+def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Problem]]:
     """Where to begin, and the problem of a flight whose IMU contradicts all others from its middle on.
 
     yaw_rate: rad/s that its gyro reads too much. The noise is one in which all are believed.
@@ -43,7 +54,7 @@ def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
     guess = first_guess(setup, flight)
     path, slow = preintegrated(setup, guess, None), start_of(setup, guess).slow
 
-    def about(point: Point) -> Linear:
+    def about(point: Point) -> Problem:
         return linearise(setup, path, point.states, noise, scale, {}, slow, sizes=point.sizes)
 
     return Point(guess, NOTHING), about
@@ -77,7 +88,7 @@ def test_a_step_that_leads_down_is_taken_whole() -> None:
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     scale, slow = {one.name: 3.0 for one in setup.readings}, start_of(setup, first_guess(setup, flight)).slow
 
-    def about(point: Point) -> Linear:
+    def about(point: Point) -> Problem:
         return linearise(setup, preintegrated(setup, point.states, None), point.states, FIRST_NOISE, scale, {}, slow)
 
     step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
@@ -94,11 +105,11 @@ def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pyte
     passes, steps = list[PreintegratedImu](), list[slice]()
     taken = Step.taken
 
-    def linearised(*args: Any, **named: Any) -> Linear:
+    def linearised(*args: Any, **named: Any) -> Problem:
         passes.append(args[1])
         return linearise(*args, **named)
 
-    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
+    def noted(step: Step, about: Callable[[Point], Problem]) -> tuple[Point, Problem, bool]:
         begin = len(passes) - 1  # where the problem was made linear about its beginning
         there = taken(step, about)
         steps.append(slice(begin, len(passes)))
@@ -143,7 +154,7 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
     passes, uphill = list[Step](), list[bool]()
     taken = Step.taken
 
-    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
+    def noted(step: Step, about: Callable[[Point], Problem]) -> tuple[Point, Problem, bool]:
         there = taken(step, about)
         passes.append(step)
         uphill.append(there[2])
@@ -169,3 +180,93 @@ def test_what_is_likelier_by_noise_alone_is_a_factor_of_noise() -> None:
     more = made_likely(0.5) - made_likely(1.0)
     assert more == pytest.approx(2.0 * 10 * 2 * 3 * np.log(2.0)), "of ten intervals, two sensors, three axes"
     assert in_noise(more, 10) == pytest.approx(2.0)
+
+
+ONSET = 20.0
+
+
+def late_by(flight: Flight, truth: Motion, seconds: float) -> Flight:
+    """The fixes from the onset on are so much older."""
+    (gps,) = flight.gps
+    older = gps_of(truth, np.random.default_rng(8), latency=LATENCY + seconds, rate=2.5)
+    after = gps.t >= ONSET
+    columns = {
+        name: np.where(
+            after[:, None] if getattr(gps, name).ndim > 1 else after, getattr(older, name), getattr(gps, name)
+        )
+        for name in ("latitude", "longitude", "height", "velocity")
+    }
+    return replace(flight, gps=(replace(gps, **columns),))
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.0])
+@pytest.mark.slow
+def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> None:
+    flight, truth = sensed(45.0, seed=3)
+    found = smooth(late_by(flight, truth, seconds))
+    (late,) = found.explained
+    assert (late.kind, late.shape) == ("gps_latency", "step")
+    assert late.size[0] == pytest.approx(seconds, abs=max(4.0 * float(late.sigma[0]), 0.02))
+    own = next(one for one in late.rivals if (one.kind, one.shape) == (late.kind, late.shape))
+    assert own.log_odds > 0.25 * (late.size[0] / late.sigma[0]) ** 2  # of all of it, not of what the last pass left
+    assert late.onset == pytest.approx(ONSET, abs=max(3.0 * late.onset_sigma, 0.5))
+    assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
+
+
+@pytest.mark.slow
+def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
+    """What looks like fixes from the future, as slow errors of a velocity do, is not the time."""
+    flight, truth = sensed(45.0, seed=3)
+    found = smooth(late_by(flight, truth, -0.6))
+    assert "gps_latency" not in {one.kind for one in found.explained}
+
+
+def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
+    t = 0.2 * np.arange(20.0)
+    arrived = t + healthy.GPS_LATENCY_S
+    one = Readings(
+        "gps_position", arrived, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp),
+        latency_s=healthy.GPS_LATENCY_S,
+    )  # fmt: skip
+    late = one.later(np.where(arrived >= 2.0, 0.6, 0.0), t)
+    assert (np.diff(late.keyframe) > 0).all()  # each once
+    np.testing.assert_allclose(late.t - late.late - healthy.GPS_LATENCY_S, t[late.keyframe])
+    np.testing.assert_allclose(late.value[:, 0], late.t - healthy.GPS_LATENCY_S)  # what was read goes with it
+    back = late.later(np.where(late.t >= 2.0, -0.6, 0.0), t)
+    np.testing.assert_allclose(back.t - healthy.GPS_LATENCY_S, t[back.keyframe])
+    assert back.late == pytest.approx(0.0)
+    assert len(one.later(np.full(20, 1.0), t).t) == 15  # what speaks of the time before the first is left out
+
+
+@pytest.mark.parametrize("faulty", ["gps_latency", "accel_scale"])
+@pytest.mark.slow
+def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(faulty: str) -> None:
+    """At first order an accelerometer that reads too little may explain more of a late GPS than its latency does."""
+    flight, truth = sensed(45.0, seed=3)
+    if faulty == "gps_latency":
+        flight = late_by(flight, truth, 1.0)
+    else:
+        imu = flight.imu()
+        flight = with_imu(flight, replace(imu, accel=imu.accel * np.where(imu.t >= ONSET, 0.9, 1.0)[:, None]))
+    found = smooth(flight).explained
+    assert found[0].kind == faulty
+    if faulty == "gps_latency":
+        assert found[0].size[0] == pytest.approx(1.0, abs=0.05)
+    assert probabilities(found[0].rivals)[hypothesis_of(faulty).device] > ACCUSED
+
+
+@pytest.mark.slow
+def test_the_onset_is_sought_again_with_the_size_known() -> None:
+    """At first order a latency may show from where the vehicle turned, long after the fixes came late."""
+    flight, truth = sensed(45.0, seed=3)
+    setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
+    start = start_of(setup, first_guess(setup, flight))
+    possible = time_shifted(
+        setup, start, [], Candidate(hypothesis_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0)
+    )
+    assert possible is not None
+    moved, found = possible.setup, possible.candidate
+    assert found.taken == pytest.approx(1.0, abs=0.05)
+    assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
+    assert found.onset_sigma < 2.0
+    assert next(one for one in moved.readings if one.name == "barometer").late == 0.0

@@ -14,7 +14,6 @@ from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import FIRST_NOISE
 from companion.estimation.linearisation import (
-    Linear,
     PreintegratedImu,
     _kinematics,
     linearise,
@@ -24,6 +23,7 @@ from companion.estimation.linearisation import (
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import skew
 from tests.estimation.sensed import BIASES, range_of, sensed
@@ -164,7 +164,7 @@ def test_the_motion_is_linear_as_it_says(
     states = states.moved(contradicting, np.zeros(CONSTANT_STATES))
     scale, slow = {one.name: 1.0 for one in setup.readings}, start_of(setup, guess).slow
 
-    def made(of: States) -> Linear:
+    def made(of: States) -> Problem:
         return linearise(setup, path, of, FIRST_NOISE, scale, {}, slow, accepted, sizes=np.array(sizes))
 
     def left(of: States) -> Array:

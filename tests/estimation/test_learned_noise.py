@@ -9,11 +9,11 @@ import pytest
 
 from companion.estimation import smooth
 from companion.estimation.iteration import estimate, start_of
-from companion.estimation.learned_noise import FIRST_NOISE, Change, _further, coloured, noise_limits
-from companion.estimation.linearisation import Linear, linearise, preintegrate_imu
+from companion.estimation.learned_noise import FIRST_NOISE, Change, _further, coloured, noise_limits, outlier_weights
+from companion.estimation.linearisation import linearise, preintegrate_imu
 from companion.estimation.model import VELOCITY
-from companion.estimation.robust_weights import outlier_weights
 from companion.estimation.setup import first_guess, set_up
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array
 from tests.estimation.sensed import BIASES, at, gps_of, sensed, true_states, with_imu
 
@@ -48,7 +48,7 @@ def test_steps_that_are_no_series_are_taken_as_they_are() -> None:
     assert _further(-2.0, Change(0.1, plain=True)) == Change(-2.0, plain=True), "it grows"
 
 
-def heard_by_the_barometer(noise: Array) -> Linear:
+def heard_by_the_barometer(noise: Array) -> Problem:
     """The true states of a flight whose GPS is far better than its barometer, which errs by this at the keyframes."""
     flight, truth = sensed(240.0, "circle", rate=25.0, fixes_hz=2.5)
     (baro,) = flight.barometers

@@ -1,4 +1,4 @@
-"""What a low-pass takes away of a vehicle's shaking, and what that shaking adds up to."""
+"""What a low-pass, gaps and clipping take of an IMU's signal, and what is given back."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.constants import num
 from companion.estimation import smooth
-from companion.estimation.low_pass import restored, undelayed
-from companion.model import Array, ImuTrack
+from companion.estimation.losses import lost_by_clipping, lost_in_gaps, restored, undelayed
+from companion.estimation.setup import set_up
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, Series, longest_step, rows
 from companion.strapdown import motions, preintegrate, quaternion
+from tests.estimation.sensed import sensed
 from tests.flights import flown, seconds, with_imu
 
 CORNER_HZ, RATE_HZ, FINE = 20.0, 100.0, 20
@@ -99,3 +102,78 @@ def test_a_vehicle_that_shakes_has_no_biased_gyro(known: bool) -> None:
     whole = 0.5 * angle**2 * 2.0 * np.pi * SHAKING_HZ
     hidden = 0.0 if known else whole * (1.0 - 1.0 / (1.0 + (SHAKING_HZ / CORNER_HZ) ** 4))
     assert abs(bias) == pytest.approx(hidden, abs=1.5e-3)
+
+
+def without(flight: Flight, every_s: float, length_s: float) -> Flight:
+    """Without the readings of so many seconds, again and again."""
+    imu = flight.imu()
+    kept = np.flatnonzero((imu.t - imu.t[0]) % every_s >= length_s)
+    return replace(flight, imus={imu.source: rows(imu, kept)})
+
+
+@pytest.mark.parametrize("length", [0.15, 0.6])
+def test_what_a_random_walk_loses_in_gaps_is_no_more_than_stated(length: float) -> None:
+    """Nor much less: the axis that changes most counts for all three."""
+    rate, every = 100.0, 2.0
+    t = np.arange(0.0, 2000.0, 1.0 / rate)
+    walk = np.cumsum(np.random.default_rng(3).normal(size=(len(t), 3)), axis=0)
+    whole = ImuTrack(t, walk, walk)
+    kept = np.flatnonzero(t % every >= length)
+    track, key = rows(whole, kept), np.arange(0.5 * every, t[-1], every)
+    integral = np.diff(np.interp(key, t, np.cumsum(walk[:, 0])) / rate)
+    between = np.append(0.0, np.cumsum(0.5 * (track.gyro[1:, 0] + track.gyro[:-1, 0]) * np.diff(track.t)))
+    error = np.diff(np.interp(key, track.t, between)) - integral
+    density = 0.1
+    lost = lost_in_gaps(track, key, longest_step(track.t), (density, density))[:, 0] * density * np.sqrt(every)
+    assert 0.6 < np.std(error) / np.sqrt((lost**2).mean()) < 1.0
+
+
+def test_without_gaps_nothing_is_lost() -> None:
+    imu = sensed(30.0)[0].imu()
+    assert not lost_in_gaps(imu, np.arange(1.0, 29.0), longest_step(imu.t), (1e-3, 1e-2)).any()
+
+
+def test_an_estimate_across_many_short_gaps_knows_how_good_it_is() -> None:
+    """As of a logger that could not keep up: two readings of five are missing, in holes of 0.2 s."""
+    flight, truth = sensed(60.0, rate=50.0)
+    best = smooth(without(flight, 0.5, 0.2))
+    true = truth.q_ned_frd[np.searchsorted(truth.t, best.t - 1e-9)]
+    error = quaternion.log(quaternion.multiply(true, quaternion.conjugate(best.q_ned_frd)))
+    assert (np.abs(error) < 4.0 * best.sigma(slice(0, 3))).mean() > 0.97
+
+
+def test_a_long_gap_breaks_the_estimate() -> None:
+    flight = sensed(60.0, rate=50.0)[0]
+    short, long = (without(flight, 20.0, length) for length in (0.9 * num.BRIDGED_GAP_S, 1.5 * num.BRIDGED_GAP_S))
+    assert not set_up(short, None, STANDARD_GRAVITY, None).broken.any()
+    assert set_up(long, None, STANDARD_GRAVITY, None).broken.any()
+
+
+FLIGHT = sensed(60.0, rate=50.0)[0]
+
+
+def counted(flight: Flight, column: str, each: float) -> Flight:
+    """Readings clipped from 30 to 35 s, so many a second."""
+    t = np.arange(0.0, 61.0)
+    clips = np.clip(t - 30.0, 0.0, 5.0) * each
+    series = Series(t, clips[:, None], (column,), "VIBRATION")
+    return replace(flight, series={"vibration": series})
+
+
+def test_only_the_imu_and_the_time_that_were_counted() -> None:
+    t = np.arange(0.0, 60.0, 0.5)
+    lost = lost_by_clipping(counted(FLIGHT, "clips_0", 100.0), FLIGHT.imu(), t, 0.1)
+    assert lost[(t[:-1] >= 30.0) & (t[1:] <= 35.0)] == pytest.approx(2.0 / (0.1 * np.sqrt(0.5)))
+    assert not lost[t[1:] < 30.0].any()
+    assert np.isfinite(lost_by_clipping(FLIGHT, FLIGHT.imu(), t, 0.0)).all(), "a simulated sensor has no noise"
+    assert lost_by_clipping(counted(FLIGHT, "clips_x", 100.0), FLIGHT.imu(), t, 0.1) == pytest.approx(lost)
+    assert not lost_by_clipping(counted(FLIGHT, "clips_1", 100.0), FLIGHT.imu(), t, 0.1).any()
+
+
+def test_an_accelerometer_that_clips_is_not_accused_of_a_fault_meanwhile() -> None:
+    imu = FLIGHT.imu()
+    off = np.where((imu.t > 30.0) & (imu.t < 35.0), -3.0, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    wrong = replace(FLIGHT, imus={imu.source: replace(imu, accel=imu.accel + off)})
+    assert any(one.kind.startswith("accel") for one in smooth(wrong).explained)
+    clipped = smooth(counted(wrong, "clips_0", 200.0))
+    assert not any(one.kind.startswith("accel") for one in clipped.explained)
