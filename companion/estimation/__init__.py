@@ -6,7 +6,6 @@ from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
 from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
-from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import in_blocks
 from companion.estimation.earth_field import field_at
 from companion.estimation.evidence import fault_of_size, harmful, probabilities
@@ -49,6 +48,7 @@ from companion.estimation.noise_density import (
     white_noise,
 )
 from companion.estimation.rest import at_rest
+from companion.estimation.result import allowing
 from companion.estimation.search import times_of_change
 from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.smoother import Effort, smooth

@@ -89,10 +89,7 @@ def motion_between(best: BestEstimate) -> Motion:
 
     force = np.diff(best.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
     read = quaternion.rotate(quaternion.conjugate(path.q[start]), np.diff(path.v[best.index], axis=0) / seconds)
-    return (
-        (turned(q), turned(path.q[best.index])),
-        (quaternion.rotate(quaternion.conjugate(q[:-1]), force), read),
-    )
+    return ((turned(q), turned(path.q[best.index])), (quaternion.rotate(quaternion.conjugate(q[:-1]), force), read))
 
 
 def other_reading(

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 
 from companion.constants import num, priors
-from companion.estimation.differences import Differences, score_of_own
+from companion.estimation.differences import score_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.hypotheses import Hypothesis, Signature
-from companion.estimation.model import CONSTANT_STATES, Explained, Rival
+from companion.estimation.model import Explained, Rival
 from companion.estimation.shapes import activation
 from companion.estimation.system import Problem
 from companion.model import Array
@@ -120,45 +118,3 @@ def beside(problem: Problem, candidate: Candidate) -> Problem:
         return problem
     others = (one.beside(candidate) if candidate.imu in (None, one.instance) else one for one in problem.others)
     return replace(problem, others=tuple(others))
-
-
-def explained(
-    problem: Problem,
-    accepted: Sequence[Candidate],
-    rivals: Sequence[tuple[Rival, ...]],
-    differences: Sequence[Differences],
-) -> tuple[tuple[Explained, ...], Array]:
-    """What was accepted, with its size as the solution has it, in order of time; and the covariance of all sizes.
-
-    differences: of the other IMUs, before anything was taken out: of their errors they tell the size.
-    """
-    solution, at, columns = problem.solution, CONSTANT_STATES, list[int]()
-    out = list[tuple[Candidate, tuple[Rival, ...], Array, slice]]()
-    for candidate, others in zip(accepted, rivals, strict=True):
-        if candidate.imu is not None or (whole := candidate.hypothesis.signature(problem)) is None:
-            continue
-        own = np.full(whole.unknowns, -1)  # where its components stand in the solution: -1 for what does not change
-        changed = own if candidate.axis < 0 else own[candidate.axis : candidate.axis + 1]
-        changed[:] = at + np.arange(len(changed))
-        at += len(changed)
-        size = np.where(own >= 0, solution.c[own] + candidate.taken, 0.0)
-        out.append((candidate, others, size, slice(len(columns), len(columns) + len(own))))
-        columns += own.tolist()
-    known = np.array(columns, dtype=np.intp)
-    covariance = solution.constants_covariance[np.ix_(known, known)] * np.outer(known >= 0, known >= 0)
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    parts = [one.explained(size, sigma[place], others, place) for one, others, size, place in out]
-    parts += _of_others(accepted, rivals, differences)
-    return tuple(sorted(parts, key=lambda one: one.onset)), covariance
-
-
-def _of_others(
-    accepted: Sequence[Candidate], rivals: Sequence[tuple[Rival, ...]], differences: Sequence[Differences]
-) -> Iterator[Explained]:
-    """Errors of other IMUs than the estimate's, by what these read more than it, its own errors free."""
-    own = [one for one in accepted if one.imu is None and one.hypothesis.device == "imu"]
-    for whole in differences:
-        other = reduce(Differences.beside, own, whole)
-        mine = [i for i, one in enumerate(accepted) if one.imu == other.instance]
-        for i, (size, sigma) in zip(mine, other.sizes([accepted[i] for i in mine]), strict=True):
-            yield accepted[i].explained(size, sigma, rivals[i])

@@ -124,11 +124,7 @@ def score_of_own(
 
 
 def _difference(
-    flight: Flight,
-    used: ImuTrack,
-    other: ImuTrack,
-    span: tuple[float, float],
-    untrusted: Sequence[tuple[float, float]],
+    flight: Flight, used: ImuTrack, other: ImuTrack, span: tuple[float, float], untrusted: Sequence[tuple[float, float]]
 ) -> Differences | None:
     """Of blocks in which both were heard: armed, where the vehicle ever was, for motors shift an accelerometer."""
     slow, fast, sign = (used, other, -1.0) if used.rate_hz < other.rate_hz else (other, used, 1.0)

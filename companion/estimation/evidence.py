@@ -90,9 +90,8 @@ class Trial:
         """(T, 2) posterior log odds of a nuisance and of a fault at these times against nothing."""
         with np.errstate(divide="ignore"):
             usual = self.hypothesis.rate if self.hypothesis.nuisance else priors.NUISANCES_PER_H
-            rates = np.array([usual / len(self.hypothesis.shapes), self.hypothesis.rate_of(self.shape)]) * _hours(
-                self.flight
-            )
+            hours = (self.flight[1] - self.flight[0]) / num.HOUR_S
+            rates = np.array([usual / len(self.hypothesis.shapes), self.hypothesis.rate_of(self.shape)]) * hours
             prior = np.log(self.weight)[:, None] + np.log(rates)
             return np.asarray((prior if self.log_bayes.ndim == 2 else prior[..., None]) + self.log_bayes)
 
@@ -114,10 +113,6 @@ def grows_for(shape: str, onset: Array, end: Array, last: float, least: float = 
     if shape not in SLOPED:
         return np.ones(len(onset))
     return np.maximum(np.minimum(end, last) - onset, least)
-
-
-def _hours(flight: tuple[float, float]) -> float:
-    return (flight[1] - flight[0]) / num.HOUR_S
 
 
 def trial(

@@ -157,11 +157,7 @@ _IN_DOUBT, _CANNOT_TELL, _NOBODY = "perhaps harmless", "cannot tell", "nobody"
 
 
 def confusion_matrix(
-    problem: Problem,
-    *,
-    draws: int = num.DATA_SETS,
-    seed: int = 0,
-    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    problem: Problem, *, draws: int = num.DATA_SETS, seed: int = 0, hypotheses: Sequence[Hypothesis] = HYPOTHESES
 ) -> ConfusionMatrix:
     """What each kind of fault is called where it is as large as what is detectable, and from which size on it is told.
 

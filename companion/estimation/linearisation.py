@@ -47,8 +47,7 @@ class PreintegratedImu:
     about: Index  # (K, 3) samples before, at and after each keyframe
     transition: Array  # (K-1, 15, 15), in the frame in which the track begins
     sums: Mapping[str, Array]
-    gyro_matrix: Array  # (K-1, 9, 9)
-    accel_matrix: Array  # (K-1, 9, 9)
+    matrices: Array  # (K-1, 9, 18) of scale and misalignment of gyro and accelerometer
 
 
 def preintegrate_imu(setup: Setup, bias: tuple[Array, Array]) -> PreintegratedImu:
@@ -59,18 +58,10 @@ def preintegrate_imu(setup: Setup, bias: tuple[Array, Array]) -> PreintegratedIm
     path = preintegrate(track)
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample.ravel() for readings in setup.readings]
-    count = len(setup.index) - 1
     about = three_samples(track, setup.index, num.FIX_SAMPLES_S, before=1)
     path = path.at(np.unique(np.concatenate([setup.index, about.ravel(), *read])))
-    return PreintegratedImu(
-        bias,
-        path,
-        about,
-        raw.transition,
-        raw.noise,
-        raw.gyro_matrix.reshape(count, 9, 9),
-        raw.accel_matrix.reshape(count, 9, 9),
-    )
+    matrices = np.concatenate([one.reshape(-1, 9, 9) for one in (raw.gyro_matrix, raw.accel_matrix)], axis=2)
+    return PreintegratedImu(bias, path, about, raw.transition, raw.noise, matrices)
 
 
 def linearise(
@@ -105,13 +96,14 @@ def linearise(
             covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
     back = turn.swapaxes(-1, -2)
     shift = _shift(pim, states, turn)
-    transition, constants = turn @ pim.transition @ back, _motion_constants(pim, turn)
-    weight = turn @ _inverse(covariance) @ back
+    transition, weight = turn @ pim.transition @ back, turn @ _inverse(covariance) @ back
     keeps, wanders = _slow_motion(setup, slow)
+    constants = np.zeros((len(weight), STATES + keeps.shape[1], CONSTANT_STATES))
+    constants[:, :9, _MATRICES] = turn[:, :9, :9] @ pim.matrices
     motion = Motion(  # of which the residual comes last
-        np.empty((len(weight), STATES + keeps.shape[1])),
+        np.empty(constants.shape[:2]),
         _with_receiver_motion(_beside(transition, keeps), setup),
-        np.concatenate((constants, np.zeros((*keeps.shape, CONSTANT_STATES))), axis=1),
+        constants,
         _beside(weight, 1.0 / wanders),
     )
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
@@ -119,7 +111,7 @@ def linearise(
     at = _kinematics(setup, pim, states)
     measurements = []
     for readings in setup.readings:
-        one = _with_slow_error(measure(readings, at), setup, states)
+        one = measure(readings, at, setup.slow)
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(setup.t, states, setup.gravity, motion, tuple(measurements), _prior(setup, states, slow), noise,
@@ -130,11 +122,14 @@ def linearise(
     return problem
 
 
-def measure(one: Readings, at: Kinematics) -> Measurement:
-    """The measurement factor of an aiding sensor about its states; weights 1."""
-    count, d = one.value.shape
-    h, h_c = np.zeros((count, d, STATES)), np.zeros((count, d, CONSTANT_STATES))
-    sensor = SENSORS[one.name]
+def measure(one: Readings, at: Kinematics, slow: Mapping[str, slice]) -> Measurement:
+    """The measurement factor of an aiding sensor about its states; weights 1.
+
+    slow: places of the slow errors of all aiding sensors among its states: its own adds to what it reads.
+    """
+    states, sensor = at.states, SENSORS[one.name]
+    h = np.zeros((*one.value.shape, STATES + states.slow.shape[1]))
+    h_c = np.zeros((*one.value.shape, CONSTANT_STATES))
     predicted = sensor.predict(one, at)
     for name, derivative in predicted.derivatives.items():
         if name in _BLOCKS:
@@ -142,18 +137,11 @@ def measure(one: Readings, at: Kinematics) -> Measurement:
         else:
             h_c[:, :, CONSTANTS[name][0]] = derivative
     residual = one.value - predicted.value
-    return Measurement(one.name, one.t, one.keyframe, residual, h, h_c, one.sigma, np.ones(count), sensor.unit)
-
-
-def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurement:
-    """The measurement with the slow errors of all aiding sensors among its states: its own adds to what it reads."""
-    h = np.concatenate((one.states, np.zeros((*one.residual.shape, states.slow.shape[1]))), axis=2)
-    residual = one.residual.copy()
     for name in (one.name, *(name for name, (velocity, *_) in RECEIVER_MOTION.items() if velocity == one.name)):
-        if (place := setup.slow.get(name)) is not None:
+        if (place := slow.get(name)) is not None:
             h[:, :, place] = np.eye(place.stop - place.start)
             residual -= states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
-    return replace(one, states=h, residual=residual)
+    return Measurement(one.name, one.t, one.keyframe, residual, h, h_c, one.sigma, np.ones(len(one.t)), sensor.unit)
 
 
 def _sums(setup: Setup, pim: PreintegratedImu) -> Mapping[str, Array]:
@@ -181,7 +169,7 @@ def _shift(pim: PreintegratedImu, states: States, turn: Array) -> Array:
     """(K-1, 9) in NED: what attitude, velocity and position gain where the states have other biases."""
     bias = np.concatenate((states.gyro_bias[:-1] - pim.bias[0], states.accel_bias[:-1] - pim.bias[1]), axis=1)
     shift = pim.transition[:, :9, 9:] @ bias[..., None]
-    shift += (np.concatenate((pim.gyro_matrix, pim.accel_matrix), axis=2) @ states.constants[_MATRICES])[..., None]
+    shift += (pim.matrices @ states.constants[_MATRICES])[..., None]
     return np.asarray((turn[:, :9, :9] @ shift)[..., 0])
 
 
@@ -242,13 +230,6 @@ def _motion_residual(setup: Setup, pim: PreintegratedImu, states: States, shift:
     )
 
 
-def _motion_constants(pim: PreintegratedImu, turn: Array) -> Array:
-    out = np.zeros((len(turn), STATES, CONSTANT_STATES))
-    out[:, :9, CONSTANTS["gyro_matrix"][0]] = turn[:, :9, :9] @ pim.gyro_matrix
-    out[:, :9, CONSTANTS["accel_matrix"][0]] = turn[:, :9, :9] @ pim.accel_matrix
-    return out
-
-
 def _kinematics(setup: Setup, pim: PreintegratedImu, states: States) -> Kinematics:
     track, index, s = setup.imu, setup.index, states
     samples = pim.about
@@ -271,9 +252,9 @@ def _kinematics(setup: Setup, pim: PreintegratedImu, states: States) -> Kinemati
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:
     """(K-1, S) what is left of a slow error after each interval, and the variance that it gains in it."""
     lasted = np.diff(setup.t)[:, None]
-    time = np.concatenate([np.full(p.stop - p.start, SLOW[name][2]) for name, p in setup.slow.items()] or [np.zeros(0)])
+    time = _of_slow_errors(setup, {name: time for name, (_, _, time) in SLOW.items()})
     keeps = np.exp(-lasted / time)
-    return keeps, _slow_sigma(setup, slow) ** 2 * (1.0 - keeps**2)
+    return keeps, _of_slow_errors(setup, slow) ** 2 * (1.0 - keeps**2)
 
 
 def _with_receiver_motion(transition: Array, setup: Setup) -> Array:
@@ -289,8 +270,9 @@ def _with_receiver_motion(transition: Array, setup: Setup) -> Array:
     return transition
 
 
-def _slow_sigma(setup: Setup, slow: Mapping[str, float]) -> Array:
-    return np.concatenate([np.full(p.stop - p.start, slow[name]) for name, p in setup.slow.items()] or [np.zeros(0)])
+def _of_slow_errors(setup: Setup, each: Mapping[str, float]) -> Array:
+    """(S,) what each aiding sensor has, for every component of its slow error."""
+    return np.repeat([each[name] for name in setup.slow], [place.stop - place.start for place in setup.slow.values()])
 
 
 def _beside(blocks: Array, diagonal: Array) -> Array:
@@ -307,7 +289,7 @@ def _prior(setup: Setup, states: States, slow: Mapping[str, float]) -> Prior:
     residual = np.zeros(STATES)
     residual[GYRO_BIAS], residual[ACCEL_BIAS] = -states.gyro_bias[0], -states.accel_bias[0]
     residual = np.concatenate((residual, -states.slow[0]))
-    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0], 3), setup.bias_sigma, _slow_sigma(setup, slow)))
+    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0], 3), setup.bias_sigma, _of_slow_errors(setup, slow)))
     return Prior(residual, sigma, setup.constants - states.constants, setup.constants_sigma)
 
 

@@ -66,35 +66,23 @@ class Factors:
 
 def changed(problem: Problem, signature: Signature) -> Iterator[Factors]:
     """The factors that a signature changes."""
-    motion, solution, s = problem.motion, problem.solution, signature.motion
-    if s is not None:
-        ws = motion.weight @ s
-        yield Factors(
-            measured="",
-            keyframe=np.arange(len(s)),
-            start=problem.t[:-1],
-            stop=problem.t[1:],
-            rows=motion.transition.swapaxes(-1, -2) @ ws,
-            next_rows=-ws,
-            border=motion.constants.swapaxes(-1, -2) @ ws,
-            b=-applied(ws.swapaxes(-1, -2), motion_residual(motion, solution)),
-            v=s.swapaxes(-1, -2) @ ws,
-        )
+    motion, solution = problem.motion, problem.solution
+
+    def of(measured: str, keyframe: Index, times: tuple[Array, Array], jacobians: tuple[Array, Array], s: Array,
+           ws: Array, left: Array, next_rows: Array | None = None) -> Factors:  # fmt: skip
+        rows, border = (one.swapaxes(-1, -2) @ ws for one in jacobians)
+        return Factors(measured, keyframe, *times, rows, next_rows, border, applied(ws.swapaxes(-1, -2), left),
+                       s.swapaxes(-1, -2) @ ws)  # fmt: skip
+
+    if (s := signature.motion) is not None:
+        ws, jacobians = motion.weight @ s, (motion.transition, motion.constants)
+        between = problem.t[:-1], problem.t[1:]
+        yield of("", np.arange(len(s)), between, jacobians, s, ws, -motion_residual(motion, solution), -ws)
     for name, s in signature.measurements.items():
         one = problem.measurement(name)
         assert one is not None
-        ws = one.information[..., None] * s
-        yield Factors(
-            measured=name,
-            keyframe=one.keyframe,
-            start=one.t,
-            stop=one.t,
-            rows=one.states.swapaxes(-1, -2) @ ws,
-            next_rows=None,
-            border=one.constants.swapaxes(-1, -2) @ ws,
-            b=applied(ws.swapaxes(-1, -2), measurement_residual(one, solution)),
-            v=s.swapaxes(-1, -2) @ ws,
-        )
+        ws, jacobians = one.information[..., None] * s, (one.states, one.constants)
+        yield of(name, one.keyframe, (one.t, one.t), jacobians, s, ws, measurement_residual(one, solution))
 
 
 def score(

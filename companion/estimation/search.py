@@ -116,15 +116,21 @@ def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) ->
         never = np.full(len(e), np.inf)
         times = onset[judged], never[judged], weight[judged]
         own = np.diagonal(problem.motion.weight, axis1=1, axis2=2)[judged, block]
-        scores = _beyond_rounding(-e[judged, block], d[judged, block, block], own.max(axis=1))
-        return _scored(problem, hypothesis, shape, times, scores)
+        known = _beyond_rounding(-e[judged, block], d[judged, block, block], own.max(axis=1))
+        return _scored(problem, hypothesis, shape, times, known)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     begin, end = inside, None
     if shape in ENDING:
         begin, end = _pairs(inside)
         lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[hypothesis.device]
         begin, end = begin[lasts], end[lasts]
-    return _cells(problem, grid, hypothesis, shape, begin, end)
+    scores = grid.score(hypothesis.name, shape, begin, end)
+    if scores is None:
+        return None
+    width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
+    onset = grid.cuts[begin]
+    final = np.full(len(onset), np.inf) if end is None else grid.cuts[end]
+    return _scored(problem, hypothesis, shape, (onset, final, _weight(problem, onset, final, width, width)), scores)
 
 
 def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
@@ -139,27 +145,8 @@ def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
     return np.einsum("tij,tj...->ti...", kept @ inverse, b), kept * value[:, None, :] @ inverse
 
 
-def _cells(
-    problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str, onset: Any, end: Any = None
-) -> Cells | None:
-    """At cuts of the grid by their numbers."""
-    scores = grid.score(hypothesis.name, shape, onset, end)
-    if scores is None:
-        return None
-    width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
-    begin = grid.cuts[onset]
-    final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
-    return _scored(problem, hypothesis, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
-
-
 def at_times(
-    problem: Problem,
-    hypothesis: Hypothesis,
-    shape: str,
-    onset: Array,
-    end: Array,
-    wide: Array,
-    long: Array,
+    problem: Problem, hypothesis: Hypothesis, shape: str, onset: Array, end: Array, wide: Array, long: Array
 ) -> Cells | None:
     """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
     scores = score(problem, hypothesis, shape, onset, end) if len(onset) else None

@@ -14,9 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.constants import harm, healthy, num, priors
-from companion.estimation.aiding_sensors import SENSORS
-from companion.estimation.candidate import Candidate, beside, explained
-from companion.estimation.constant_errors import constant_errors, of_first_half
+from companion.estimation.candidate import Candidate, beside
 from companion.estimation.evidence import Trial
 from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, estimate, likelihood, preintegrated, resuming, start_of, time_shifted
@@ -28,22 +26,12 @@ from companion.estimation.learned_noise import (
     scatter,
 )
 from companion.estimation.linearisation import linearise
-from companion.estimation.model import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    CONSTANT_STATES,
-    GYRO_BIAS,
-    VELOCITY,
-    BestEstimate,
-    Correlation,
-    Residuals,
-    Rival,
-    States,
-)
-from companion.estimation.search import detectable, trials
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, VELOCITY, BestEstimate, Rival, States
+from companion.estimation.result import best_estimate
+from companion.estimation.search import trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.shapes import SLOPED
-from companion.estimation.system import Problem, measurement_residual
+from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
 
 
@@ -130,7 +118,7 @@ def explain(
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
     matrix = confusion_matrix(linear) if confusion else None
-    return replace(_result(setup, settled, linear, accepted, rivals), further=further, confusion=matrix)
+    return replace(best_estimate(setup, settled, linear, accepted, rivals), further=further, confusion=matrix)
 
 
 def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem]:
@@ -169,11 +157,7 @@ class Adaptation:
 
 
 def next_adaptation(
-    setup: Setup,
-    start: Start,
-    settled: Start,
-    linear: Problem,
-    accepted: Sequence[Candidate],
+    setup: Setup, start: Start, settled: Start, linear: Problem, accepted: Sequence[Candidate]
 ) -> Adaptation | tuple[Rival, ...]:
     """The likeliest further cause with its rivals; the likeliest faults first where none is likelier than not.
 
@@ -344,59 +328,3 @@ def local_noise(linear: Problem, candidate: Candidate) -> dict[str, float]:
         return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 
     return {"gyro": ratio(ATTITUDE), "accel": ratio(VELOCITY)}
-
-
-def _result(
-    setup: Setup,
-    settled: Start,
-    linear: Problem,
-    accepted: Sequence[Candidate],
-    rivals: Sequence[tuple[Rival, ...]],
-) -> BestEstimate:
-    states = settled.states
-    covariance = linear.solution.covariances()
-    variance = np.diagonal(covariance, axis1=1, axis2=2)
-    if not (variance > 0).all():
-        raise np.linalg.LinAlgError("variances are lost in rounding")
-    sigma = np.sqrt(variance)
-    of_constants = np.diagonal(linear.solution.constants_covariance)[:CONSTANT_STATES]
-    residuals = {
-        one.name: Residuals(
-            one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, SENSORS[one.name].unit
-        )
-        for one in linear.measurements
-    }
-    heading = "compass" if "compass" in residuals else "GPS and acceleration"
-    if "gps_velocity" not in residuals and "compass" not in residuals:
-        heading = "first guess"
-    parts, together = explained(linear, accepted, rivals, setup.others)
-    return BestEstimate(
-        imu=setup.imu,
-        index=setup.index,
-        t=setup.t,
-        states=states,
-        covariance=covariance[:, :9, :9].copy(),
-        correlation=Correlation(linear.solution.factor, linear.solution.border, linear.solution.constants_covariance),
-        gyro_bias_sigma=sigma[:, GYRO_BIAS],
-        accel_bias_sigma=sigma[:, ACCEL_BIAS],
-        constants_sigma=np.sqrt(np.maximum(of_constants, 0.0)),
-        errors=constant_errors(states, linear),
-        first_half=of_first_half(linear),
-        noise=settled.noise,
-        correlated=(
-            linear.noise.gyro_noise / settled.noise.gyro_noise,
-            linear.noise.accel_noise / settled.noise.accel_noise,
-        ),
-        scatter=scatter(setup),
-        measurement_scale=dict(settled.scale),
-        slow_sigma=dict(settled.slow),
-        residuals=residuals,
-        gravity=setup.gravity,
-        origin=setup.origin,
-        explained=parts,
-        explained_covariance=together,
-        detectable=detectable(linear),
-        heading_from=heading,
-        notes=setup.notes,
-        converged=settled.gain < num.UNSETTLED_MISFIT,
-    )

@@ -71,14 +71,14 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, PreintegratedI
     nominal = _kinematics(setup, path, states)
 
     def predicted(of: States, at: Kinematics | None = None) -> Array:
-        return one.value - measure(one, at or _kinematics(setup, path, of)).residual
+        return one.value - measure(one, at or _kinematics(setup, path, of), setup.slow).residual
 
     def held(of: States) -> Array:
         return predicted(of, replace(nominal, states=of))
 
-    exact = measure(one, nominal)
+    exact = measure(one, nominal, setup.slow)
     none = np.zeros(CONSTANT_STATES)
-    for column in range(STATES):
+    for column in range(STATES + states.slow.shape[1]):
         # of what the IMU felt since a late fix, the tilt is left to the motion; that of a rangefinder to all others
         function = held if name.startswith("gps") and column < 2 else predicted
         if name == "rangefinder" and column in range(*ATTITUDE.indices(STATES)):
@@ -110,11 +110,11 @@ def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() ->
     nominal = _kinematics(setup, path, states)
 
     def predicted(of: States) -> Array:
-        return one.value - measure(one, replace(nominal, states=of)).residual
+        return one.value - measure(one, replace(nominal, states=of), setup.slow).residual
 
     c[late] = STEP
     found = derivative(predicted, states, still, c) / STEP
-    exact = measure(one, nominal).constants[:, :, late]
+    exact = measure(one, nominal, setup.slow).constants[:, :, late]
     np.testing.assert_allclose(found, exact[..., 0], atol=4e-3 * np.abs(exact).max())
 
 
@@ -206,7 +206,7 @@ def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setu
     for one in setup.readings:
         if not one.name.startswith("gps"):
             continue
-        measured = measure(one, _kinematics(deaf, path, states))
+        measured = measure(one, _kinematics(deaf, path, states), setup.slow)
         latency = measured.constants[:, :, CONSTANTS["gps_latency"][0]]
         after = np.append(broken, True)[one.keyframe]
         assert not latency[after].any()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from companion.estimation import smooth
-from companion.estimation.constant_errors import allowing, constant_errors, of_first_half
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS
+from companion.estimation.result import allowing, constant_errors, of_first_half
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array
