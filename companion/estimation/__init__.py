@@ -5,9 +5,8 @@ from companion.estimation.aiding_sensors import SENSORS as AIDING_SENSORS
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.chi_square import chi_square
-from companion.estimation.compass_orientation import TurnedCompass, righted, turned_compasses
 from companion.estimation.differences import in_blocks
-from companion.estimation.earth_field import field_at
+from companion.estimation.earth_field import TurnedCompass, field_at, righted, turned_compasses
 from companion.estimation.evidence import fault_of_size, harmful, probabilities
 from companion.estimation.hypotheses import (
     AIDING,
@@ -47,7 +46,7 @@ from companion.estimation.noise_density import (
     sampling_of,
     white_noise,
 )
-from companion.estimation.rest import at_rest
+from companion.estimation.readings import at_rest
 from companion.estimation.result import allowing
 from companion.estimation.search import times_of_change
 from companion.estimation.shapes import SLOPED, activation

@@ -60,7 +60,7 @@ def _predict_fix(one: Readings, at: Kinematics) -> Prediction:
     derivatives: dict[str, Array] = {}
     if observed == "position":
         arm = matrix @ lever
-        force_part, goes_on = at.moved(at.position, k, late)
+        force_part, goes_on = through(at.when[k], at.position[k], late)
         value = states.position[k] + states.velocity[k] * late[:, None] + force_part + arm
         value[:, 2] += 0.5 * at.gravity * late**2
         derivatives["position"] = np.eye(3)[axes]
@@ -69,7 +69,7 @@ def _predict_fix(one: Readings, at: Kinematics) -> Prediction:
         change[:, 2] += at.gravity * late
     else:
         arm = np.einsum("kij,kj->ki", matrix, quaternion.cross(at.rate[k], lever))
-        force_part, goes_on = at.moved(at.velocity, k, late)
+        force_part, goes_on = through(at.when[k], at.velocity[k], late)
         value = states.velocity[k] + force_part + arm
         value[:, 2] += at.gravity * late
         derivatives["velocity"] = np.eye(3)[axes]

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.constants import num
 from companion.estimation.chi_square import chi_square
@@ -71,21 +70,15 @@ def allan_deviation(readings: Array, rate_hz: float) -> AllanDeviation | None:
     sizes = np.unique(np.geomspace(1, longest, int(num.ALLAN_PER_DECADE * np.log10(longest)) + 1).astype(np.int64))
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum(readings - readings.mean(axis=0), axis=0)])
     rows = []
-    for m in sizes:
-        change = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
-        rows.append(np.sqrt(np.mean(np.square(change), axis=0) / 2.0) / m)
-    freedom = np.minimum(_freedom_of_white(count + 1.0, sizes), _freedom_of_walk(count + 1.0, sizes))
-    return AllanDeviation(sizes / rate_hz, np.array(rows), np.maximum(freedom, 1.0))
-
-
-def _freedom_of_white(n: float, m: NDArray[np.int64]) -> Array:
-    """Degrees of freedom of white noise's variance over m samples each, from n sums of the readings."""
-    return np.asarray((3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0))
-
-
-def _freedom_of_walk(n: float, m: NDArray[np.int64]) -> Array:
-    """The same for a random walk of the readings."""
-    return np.asarray((n - 2) / (m * (n - 3) ** 2) * ((n - 1) ** 2 - 3.0 * m * (n - 1) + 4.0 * m**2))
+    for size in sizes:
+        change = angle[2 * size :] - 2.0 * angle[size:-size] + angle[: -2 * size]
+        rows.append(np.sqrt(np.mean(np.square(change), axis=0) / 2.0) / size)
+    # from n sums of the readings, over m samples each
+    n, m = count + 1.0, sizes
+    of_white = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
+    of_walk = (n - 2) / (m * (n - 3) ** 2) * ((n - 1) ** 2 - 3.0 * m * (n - 1) + 4.0 * m**2)
+    freedom = np.maximum(np.minimum(of_white, of_walk), 1.0)
+    return AllanDeviation(sizes / rate_hz, np.array(rows), freedom)
 
 
 def noise_figures(allan: AllanDeviation, axis: int, shortest_s: float = 0.0, grid: float = 0.0) -> NoiseFigures | None:

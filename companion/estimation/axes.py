@@ -8,6 +8,7 @@ turned, which only the compass contradicts.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,10 +17,10 @@ import numpy.typing as npt
 
 from companion.constants import healthy, num
 from companion.estimation.hypotheses import hypothesis_of
-from companion.estimation.iteration import Start, estimate, in_noise, likelihood, start_of
+from companion.estimation.iteration import Adaptation, Start, estimate, in_noise, likelihood, start_of
 from companion.estimation.model import BestEstimate
-from companion.estimation.setup import Setup, set_up, unaided_guess
-from companion.estimation.smoother import Adaptation, boundary, next_adaptation
+from companion.estimation.setup import Setup, guesses, set_up
+from companion.estimation.smoother import boundary, next_adaptation
 from companion.model import STANDARD_GRAVITY, Array, Flight, NoEstimateError
 from companion.strapdown import quaternion
 
@@ -116,21 +117,25 @@ def other_reading(
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > num.AXIS_SPAN_S else span
     track = flight.imu(best.imu.source)
 
-    def begun(turn: tuple[Array, Array]) -> tuple[Setup, Start] | None:
-        """Where to begin with readings that are turned; None where that cannot be."""
+    def begun(turn: tuple[Array, Array]) -> tuple[Setup, Start]:
+        """Where to begin with readings that are turned."""
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
         other = replace(flight, imus={**flight.imus, track.source: turned})
-        try:
-            with boundary(track.source):
-                setup = set_up(other, track.source, gravity, part, untrusted)
-                return setup, start_of(setup, unaided_guess(setup, flight))
-        except NoEstimateError:
-            return None
+        with boundary(track.source):
+            setup = set_up(other, track.source, gravity, part, untrusted)
+            *_, unaided = guesses(setup, flight)
+            return setup, start_of(setup, unaided)
 
-    tried = {words: _gone_on(begun(turn), num.AXIS_TRIAL_PASSES) for words, turn in ways.items()}
-    words = max(tried, key=lambda name: tried[name].likelihood)
-    as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
-    read_so = _gone_on(tried[words].at)
+    tried = dict[str, _Tried]()
+    for words, turn in ways.items():
+        with contextlib.suppress(NoEstimateError):
+            tried[words] = _gone_on(*begun(turn), num.AXIS_TRIAL_PASSES)
+    words = max(tried, key=lambda name: tried[name].likelihood, default="")
+    try:
+        as_it_is = _gone_on(*begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
+        read_so = _gone_on(tried[words].setup, tried[words].settled) if tried else as_it_is
+    except NoEstimateError:
+        return None
     if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= num.AXIS_CLEARLY_BETTER:
         return None
     fits = read_so.fits_beside(_likeliest(as_it_is))
@@ -141,25 +146,19 @@ def other_reading(
 class _Tried:
     """How far the estimate of readings has come, and how likely it makes all aiding sensors."""
 
-    at: tuple[Setup, Start] | None
-    likelihood: float = -np.inf
+    setup: Setup
+    settled: Start
+    likelihood: float
 
     def fits_beside(self, likelihood: float) -> float:
         """How many times less noise of the IMU would be as much likelier: that aiding sensors fit worse, costs."""
-        intervals = 1 if self.at is None else len(self.at[0].t) - 1
-        return in_noise(self.likelihood - likelihood, intervals)
+        return in_noise(self.likelihood - likelihood, len(self.setup.t) - 1)
 
 
-def _gone_on(at: tuple[Setup, Start] | None, passes: int = num.SMOOTHER_PASSES) -> _Tried:
-    if at is None:
-        return _Tried(None)
-    setup, start = at
-    try:
-        with boundary(setup.imu.source):
-            settled, linear = estimate(setup, start, polished=False, passes=passes)
-    except NoEstimateError:
-        return _Tried(None)
-    return _Tried((setup, settled), likelihood(settled, linear))
+def _gone_on(setup: Setup, start: Start, passes: int = num.SMOOTHER_PASSES) -> _Tried:
+    with boundary(setup.imu.source):
+        settled, linear = estimate(setup, start, polished=False, passes=passes)
+    return _Tried(setup, settled, likelihood(settled, linear))
 
 
 def _likeliest(tried: _Tried) -> float:
@@ -167,21 +166,15 @@ def _likeliest(tried: _Tried) -> float:
 
     Of a few seconds of flight, a moment's shock is less noise by as much as axes that are exchanged.
     """
-    if tried.at is None:
-        return tried.likelihood
-    setup, start = tried.at
-    try:
-        with boundary(setup.imu.source):
-            settled, linear = estimate(setup, start)
-            adaptation = next_adaptation(setup, start, settled, linear, ())
-    except NoEstimateError:
-        return tried.likelihood
-    without = likelihood(settled, linear)
-    return (
-        max(without, likelihood(adaptation.settled, adaptation.linear))
-        if isinstance(adaptation, Adaptation)
-        else without
-    )
+    setup, start = tried.setup, tried.settled
+    with contextlib.suppress(NoEstimateError), boundary(setup.imu.source):
+        settled, linear = estimate(setup, start)
+        adaptation = next_adaptation(setup, start, settled, linear, ())
+        without = likelihood(settled, linear)
+        if not isinstance(adaptation, Adaptation):
+            return without
+        return max(without, likelihood(adaptation.settled, adaptation.linear))
+    return tried.likelihood
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

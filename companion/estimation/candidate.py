@@ -62,10 +62,8 @@ class Candidate:
         if whole is None or self.axis < 0:
             return whole
         part = slice(self.axis, self.axis + 1)
-        return Signature(
-            None if whole.motion is None else whole.motion[..., part],
-            {name: values[..., part] for name, values in whole.measurements.items()},
-        )
+        motion = None if whole.motion is None else whole.motion[..., part]
+        return Signature(motion, {name: values[..., part] for name, values in whole.measurements.items()})
 
 
 def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
@@ -79,9 +77,8 @@ def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
     motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
     column = np.zeros((*motion.residual.shape, m))
     if signature.motion is not None:
-        column = (
-            signature.motion * activation(candidate.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
-        )
+        share = activation(candidate.shape, onset, end, problem.t[:-1], problem.t[1:])[0]
+        column = signature.motion * share[:, None, None]
     motion = replace(motion, constants=np.concatenate((motion.constants, column), axis=2))
     for i, one in enumerate(measurements):
         own = np.zeros((*one.residual.shape, m))

@@ -183,12 +183,9 @@ def _of_scale(
     single = alone.max(axis=1) - np.log(m) > whole
     this = axis[:, None] == np.arange(m)[:, None]
     mixed = _log_sum(np.concatenate([whole[:, None] - np.log(2.0), alone - np.log(2.0 * m)], axis=1), axis=1)
-    return (
-        np.asarray(mixed),
-        np.where(single[:, None], np.where(this, b / own, 0.0), size),
-        np.where(single, np.take_along_axis(own[..., 0], axis, axis=1) ** -0.5, length),
-        np.where(single, axis, -1),
-    )
+    size = np.where(single[:, None], np.where(this, b / own, 0.0), size)
+    length = np.where(single, np.take_along_axis(own[..., 0], axis, axis=1) ** -0.5, length)
+    return np.asarray(mixed), size, length, np.where(single, axis, -1)
 
 
 def _log_sum(values: Array, axis: int | tuple[int, ...] | None = None) -> Any:
@@ -249,9 +246,7 @@ def probabilities_of_each(hypotheses: Sequence[Hypothesis], log_odds: Array, fau
     """The same of D data sets, (D,) each, from the log odds (H, D) of hypotheses and how likely they are harmful."""
     odds = np.concatenate([np.zeros((1, *log_odds.shape[1:])), log_odds])
     posterior = np.exp(odds - _log_sum(odds, axis=0))[1:] * fault
-    shares = {
-        device: np.zeros(log_odds.shape[1:]) for device in ("nobody", *(hypothesis.device for hypothesis in HYPOTHESES))
-    }
+    shares = dict.fromkeys(("nobody", *(one.device for one in HYPOTHESES)), np.zeros(log_odds.shape[1:]))
     for hypothesis, part in zip(hypotheses, posterior, strict=True):
         shares[hypothesis.device] = shares[hypothesis.device] + part
     shares["nobody"] = np.maximum(1.0 - sum(shares.values()), 0.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -45,39 +46,26 @@ def main_axis(value: Array) -> str:
     return "xyz"[worst] if np.linalg.norm(np.delete(value, worst)) < 0.2 * abs(value[worst]) else ""
 
 
-def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int) -> Phrase:
+def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int, size: Size) -> str:
     """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
-
-    def phrase(size: Size) -> str:
-        parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
-        spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
-        if axis := main_axis(size.value):
-            return f"{sensor} {axis} {error} {parts['xyz'.index(axis)]} {spread}"
-        return (
-            f"{sensor} {error} {', '.join(f'{axis} {part}' for axis, part in zip('xyz', parts, strict=True))} {spread}"
-        )
-
-    return phrase
+    parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
+    spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
+    if axis := main_axis(size.value):
+        return f"{sensor} {axis} {error} {parts['xyz'.index(axis)]} {spread}"
+    every = ", ".join(f"{name} {part}" for name, part in zip("xyz", parts, strict=True))
+    return f"{sensor} {error} {every} {spread}"
 
 
-def by_length(what: str, unit: str) -> Phrase:
+def by_length(what: str, unit: str, size: Size) -> str:
     """'the GPS position is off by up to 9.1 ± 1.2 m (north 8.0, east 4.3)'."""
-
-    def phrase(size: Size) -> str:
-        parts = "" if len(size.value) < 2 else f" (north {size.value[0]:.1f}, east {size.value[1]:.1f})"
-        return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{parts}"
-
-    return phrase
+    parts = "" if len(size.value) < 2 else f" (north {size.value[0]:.1f}, east {size.value[1]:.1f})"
+    return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{parts}"
 
 
-def by_number(words: str, factor: float = 1.0) -> Phrase:
+def by_number(words: str, factor: float, size: Size) -> str:
     """Words with a place for the number, of several its magnitude, and one for its σ, both times the factor."""
-
-    def phrase(size: Size) -> str:
-        number = size.magnitude if len(size.value) > 1 else float(size.value[0])
-        return words.format(number * factor, size.sigma * factor)
-
-    return phrase
+    number = size.magnitude if len(size.value) > 1 else float(size.value[0])
+    return words.format(number * factor, size.sigma * factor)
 
 
 def turn_of_the_field(size: Size) -> tuple[float, float]:
@@ -183,67 +171,49 @@ class Hypothesis:
         return INTEGRAL[shape] if measured in self.integrated else shape
 
 
-def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
+def _bias(block: slice, resting: tuple[str, ...], problem: Problem) -> Signature:
     """A bias u beside the one that the states have; aiding sensors at rest read it too."""
-
-    def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.transition.shape[:2], 3))
-        out[:, :9] = problem.motion.transition[:, :9, block]
-        read = {
-            n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.measurement(n)) is not None
-        }
-        return Signature(out, read)
-
-    return signature
+    out = np.zeros((*problem.motion.transition.shape[:2], 3))
+    out[:, :9] = problem.motion.transition[:, :9, block]
+    read = {n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.measurement(n)) is not None}
+    return Signature(out, read)
 
 
-def _scale(block: slice) -> Callable[[Problem], Signature | None]:
+def _scale(block: slice, problem: Problem) -> Signature:
     """Scale errors u: readings are off by u times what the states turned or were accelerated by.
 
     Not times the readings themselves, whose noise would explain itself.
     """
-
-    def signature(problem: Problem) -> Signature | None:
-        lasted = np.diff(problem.t)[:, None]
-        q = problem.states.q_ned_frd
-        if block == GYRO_BIAS:
-            measured = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
-        else:
-            force = np.diff(problem.states.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
-            measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
-        out = np.zeros((*problem.motion.transition.shape[:2], 3))
-        least = harm.LIVELY[_SENSOR[block.start]]
-        if block == GYRO_BIAS:
-            known = np.diagonal(problem.motion.weight[:, ATTITUDE, ATTITUDE], axis1=1, axis2=2).mean(axis=1)
-            least = min(least, num.ABOVE_NOISE * float(np.median(1.0 / (np.sqrt(known) * lasted[:, 0]))))
-        lively = np.sqrt((measured**2).mean(axis=0)) > least  # else it is the noise that is scaled
-        out[:, :9] = problem.motion.transition[:, :9, block] * (measured * lively)[:, None, :]
-        return Signature(out, {})
-
-    return signature
+    lasted = np.diff(problem.t)[:, None]
+    q = problem.states.q_ned_frd
+    if block == GYRO_BIAS:
+        measured = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / lasted
+    else:
+        force = np.diff(problem.states.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
+        measured = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
+    out = np.zeros((*problem.motion.transition.shape[:2], 3))
+    least = harm.LIVELY[_SENSOR[block.start]]
+    if block == GYRO_BIAS:
+        known = np.diagonal(problem.motion.weight[:, ATTITUDE, ATTITUDE], axis1=1, axis2=2).mean(axis=1)
+        least = min(least, num.ABOVE_NOISE * float(np.median(1.0 / (np.sqrt(known) * lasted[:, 0]))))
+    lively = np.sqrt((measured**2).mean(axis=0)) > least  # else it is the noise that is scaled
+    out[:, :9] = problem.motion.transition[:, :9, block] * (measured * lively)[:, None, :]
+    return Signature(out, {})
 
 
-def _shock(block: slice) -> Callable[[Problem], Signature | None]:
+def _shock(block: slice, problem: Problem) -> Signature:
     """A turn or a push u within a moment that the IMU has not felt."""
-
-    def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.transition.shape[:2], 3))
-        out[:, block] = np.eye(3)
-        return Signature(out, {})
-
-    return signature
+    out = np.zeros((*problem.motion.transition.shape[:2], 3))
+    out[:, block] = np.eye(3)
+    return Signature(out, {})
 
 
-def _shift(*names: str) -> Callable[[Problem], Signature | None]:
+def _shift(name: str, problem: Problem) -> Signature | None:
     """Measurements that are off by u, all their components."""
-
-    def signature(problem: Problem) -> Signature | None:
-        one = problem.well_observed(names[0])
-        if one is None:
-            return None
-        return Signature(None, {one.name: np.tile(np.eye(one.residual.shape[1]), (len(one.t), 1, 1))})
-
-    return signature
+    one = problem.well_observed(name)
+    if one is None:
+        return None
+    return Signature(None, {one.name: np.tile(np.eye(one.residual.shape[1]), (len(one.t), 1, 1))})
 
 
 def _motion(problem: Problem) -> Signature | None:
@@ -281,66 +251,64 @@ _LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the 
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gyro_bias", "the gyro's bias steps, grows or comes and goes",
-         by_axes("gyro", "bias", "mrad/s", 1e3, 1),
+         partial(by_axes, "gyro", "bias", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
          device="imu", unit="rad/s", shapes=("step", "ramp", "pulse"), prior=0.03, min_reported=3e-3,
-         signature=_bias(GYRO_BIAS, "rest_rate"), min_between_imus=8e-3, fault_threshold=5e-3,
-         rate=1e-3),
+         signature=partial(_bias, GYRO_BIAS, ("rest_rate",)), min_between_imus=8e-3, fault_threshold=5e-3, rate=1e-3),
     Hypothesis("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
-         by_axes("accelerometer", "bias", "m/s²", 1.0, 2),
+         partial(by_axes, "accelerometer", "bias", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
          device="imu", unit="m/s²", shapes=("step", "ramp", "pulse"), prior=1.0, min_reported=0.15,
-         signature=_bias(ACCEL_BIAS), needs="gps_position", min_between_imus=0.4, fault_threshold=0.2,
+         signature=partial(_bias, ACCEL_BIAS, ()), needs="gps_position", min_between_imus=0.4, fault_threshold=0.2,
          rate=1e-3),
     Hypothesis("gyro_scale", "the gyro's scale changes",
-         by_axes("gyro", "scale error", "%", 100.0, 1),
+         partial(by_axes, "gyro", "scale error", "%", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
          device="imu", unit="", shapes=("step", "pulse"), prior=0.3, min_reported=0.02,
-         signature=_scale(GYRO_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
+         signature=partial(_scale, GYRO_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
          max_plausible=num.MAX_SCALE),
     Hypothesis("accel_scale", "the accelerometer's scale changes",
-         by_axes("accelerometer", "scale error", "%", 100.0, 1),
+         partial(by_axes, "accelerometer", "scale error", "%", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
          device="imu", unit="", shapes=("step", "pulse"), prior=0.1, min_reported=0.02,
-         signature=_scale(ACCEL_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
+         signature=partial(_scale, ACCEL_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
          max_plausible=num.MAX_SCALE),
     Hypothesis("gyro_shock", "the gyro misses a turn, all at once",
-         by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
+         partial(by_number, "the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
          device="imu", unit="rad", shapes=("shock",), prior=0.3, min_reported=0.035,
-         signature=_shock(ATTITUDE), fault_threshold=np.inf, rate=1.0),
+         signature=partial(_shock, ATTITUDE), fault_threshold=np.inf, rate=1.0),
     Hypothesis("accel_shock", "the accelerometer misses a push, all at once",
-         by_number("the accelerometer misses a push of {:.1f} ± {:.1f} m/s"),
+         partial(by_number, "the accelerometer misses a push of {:.1f} ± {:.1f} m/s", 1.0),
          _LOOK_AT_THE_MOUNTING,
-         device="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5,
-         signature=_shock(VELOCITY), needs="gps_position", fault_threshold=np.inf, rate=1.0),
+         device="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5, signature=partial(_shock, VELOCITY),
+         needs="gps_position", fault_threshold=np.inf, rate=1.0),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Hypothesis("gps_position", "the GPS position jumps, creeps or is off for a time",
-         by_length("the GPS position", "m"),
+         partial(by_length, "the GPS position", "m"),
          "Look at the antenna's view of the sky, its cable and at interference; a receiver of a second band helps.",
          device="gps", unit="m", shapes=("step", "ramp", "pulse", "creep"), prior=50.0, min_reported=6.0,
-         signature=_shift("gps_position"), min_reported_slow=11.0, rate=0.3),
+         signature=partial(_shift, "gps_position"), min_reported_slow=11.0, rate=0.3),
     Hypothesis("gps_height", "the GPS height jumps, creeps or is off for a time",
-         by_length("the GPS height", "m"),
+         partial(by_length, "the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
          device="gps", unit="m", shapes=("step", "ramp", "pulse"), prior=50.0, min_reported=5.0,
-         signature=_shift("gps_height"), min_reported_slow=harm.CREEP_M, rate=1.0),
+         signature=partial(_shift, "gps_height"), min_reported_slow=harm.CREEP_M, rate=1.0),
     Hypothesis("gps_motion", "GPS velocity and position move as the vehicle does not",
-         by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
+         partial(by_length, "the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
-         device="gps", unit="m/s", shapes=("step", "pulse"), prior=3.0, min_reported=0.5,
-         signature=_motion, needs="gps_position", rate=0.01,
-         integrated=("gps_position",)),
+         device="gps", unit="m/s", shapes=("step", "pulse"), prior=3.0, min_reported=0.5, signature=_motion,
+         needs="gps_position", rate=0.01, integrated=("gps_position",)),
     Hypothesis("gps_velocity", "the GPS velocity is off",
-         by_length("the GPS velocity", "m/s"),
+         partial(by_length, "the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
          device="gps", unit="m/s", shapes=("step", "ramp", "pulse"), prior=5.0, min_reported=0.5,
-         signature=_shift("gps_velocity"), rate=0.3),
+         signature=partial(_shift, "gps_velocity"), rate=0.3),
     Hypothesis("gps_latency", "the GPS comes later than before",
-         by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
+         partial(by_number, "the GPS fixes come {:.3f} ± {:.3f} s later than before", 1.0),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
-         device="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15,
-         signature=_late, needs="gps_position", time_shifts=_GPS, rate=0.01),
+         device="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15, signature=_late,
+         needs="gps_position", time_shifts=_GPS, rate=0.01),
     Hypothesis("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
@@ -348,19 +316,19 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          device="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
          signature=_field, rate=0.3),
     Hypothesis("compass_turn", "the compass turns in its mounting",
-         by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
+         partial(by_number, "the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          device="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
          signature=_rotation, rate=0.01),
     Hypothesis("compass_iron", "a magnet or a current comes near the compass",
-         by_length("the compass", "µT"),
+         partial(by_length, "the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
          device="compass", unit="µT", shapes=("step", "pulse"), prior=30.0, min_reported=healthy.USUAL_IRON,
-         signature=_shift("compass"), rate=0.1),
-    *(Hypothesis(name, f"the {words(name)} jumps or creeps", by_length(f"the {words(name)}", "m"),
+         signature=partial(_shift, "compass"), rate=0.1),
+    *(Hypothesis(name, f"the {words(name)} jumps or creeps", partial(by_length, f"the {words(name)}", "m"),
            "Shield it from wind and light.",
            device=sensor.device, unit="m", shapes=("step", "ramp", "pulse"), prior=20.0, min_reported=4.0,
-           signature=_shift(name), min_reported_slow=harm.CREEP_M, rate=1.0)
+           signature=partial(_shift, name), min_reported_slow=harm.CREEP_M, rate=1.0)
       for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""

@@ -27,8 +27,8 @@ from companion.estimation.differences import Differences
 from companion.estimation.evidence import Trial, least_found, probabilities_of_each
 from companion.estimation.hypotheses import HYPOTHESES, Hypothesis
 from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
-from companion.estimation.scan import score
-from companion.estimation.search import Cells, at_times, detectable, full_grid, of_other_imus, on_cuts, times_of_change
+from companion.estimation.scan import scan, score
+from companion.estimation.search import Cells, at_times, detectable, of_other_imus, on_cuts, times_of_change
 from companion.estimation.shapes import ENDING, activation
 from companion.estimation.system import Problem
 from companion.model import Array
@@ -170,9 +170,8 @@ def confusion_matrix(
         judged = experiment.judged(i, fault.size)
         off = (fault.size * experiment.moved[i]).tolist()
         least = _identifiable(experiment, i, judged)
-        rows.append(
-            Identifiability(fault.hypothesis.name, fault.shape, fault.lasts, fault.size, least, judged.called, *off)
-        )
+        what = fault.hypothesis.name, fault.shape, fault.lasts, fault.size
+        rows.append(Identifiability(*what, least, judged.called, *off))
     return ConfusionMatrix(tuple(rows), experiment.not_shown, draws)
 
 
@@ -226,14 +225,10 @@ class Experiment:
         for shown in _solved(problem, faults, draws, seed, together):
             chunks.append(_cells(shown, faults))
             moved.append(_off(shown.solution.x))
-        cells = tuple(
-            replace(parts[0], b=np.concatenate([one.b for one in parts], axis=-1))
-            for parts in zip(*chunks, strict=True)
-        )
-        off = np.concatenate(moved)[draws:]
-        return cls(
-            problem, faults, not_shown, cells, off.reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1), draws
-        )
+        each = zip(*chunks, strict=True)
+        cells = [replace(parts[0], b=np.concatenate([one.b for one in parts], axis=-1)) for parts in each]
+        off = np.concatenate(moved)[draws:].reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1)
+        return cls(problem, faults, not_shown, tuple(cells), off, draws)
 
     def judged(self, fault: int, size: float, cells: Sequence[Cells] | None = None) -> Judgement:
         """What a fault of some size is called; cells: those that are weighed, in place of all."""
@@ -246,21 +241,14 @@ class Experiment:
         ]
         odds = np.array([one.log_odds_of_each for one in weighed])
         counts = [_counts(one, odds.max(axis=0)) for one in weighed]
-        harm = np.array(
-            [
-                one.fault_of_each if some.any() else np.zeros(self.draws)
-                for one, some in zip(weighed, counts, strict=True)
-            ]
-        )
+        both = zip(weighed, counts, strict=True)
+        harm = np.array([one.fault_of_each if some.any() else np.zeros(self.draws) for one, some in both])
         hypotheses = [one.hypothesis for one in weighed]
         shares = probabilities_of_each(hypotheses, odds, harm)
         either = probabilities_of_each(hypotheses, odds, np.ones_like(harm))
         called = Counter(_called(hypotheses, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
-        return Judgement(
-            {name: count / self.draws for name, count in called.most_common()},
-            float((shares[hypothesis.device] >= priors.ACCUSED).mean()),
-            counts,
-        )
+        accused = float((shares[hypothesis.device] >= priors.ACCUSED).mean())
+        return Judgement({name: count / self.draws for name, count in called.most_common()}, accused, counts)
 
 
 def _counts(one: Trial, best: Array) -> npt.NDArray[np.bool_]:
@@ -305,7 +293,7 @@ def _solved(problem: Problem, faults: Sequence[Fault], draws: int, seed: int, to
 
 def _cells(problem: Problem, faults: Sequence[Fault]) -> list[Cells]:
     """Every hypothesis on the grid of the search and at the times of the faults, always in the same order."""
-    grid = full_grid(problem)
+    grid = scan(problem, num.SCAN_STRETCHES)
     width = float(np.diff(grid.cuts).max()) * num.INJECTED_CELL
     parts: list[Cells | None] = []
     for hypothesis in HYPOTHESES:
@@ -323,8 +311,7 @@ def _exact(problem: Problem, hypothesis: Hypothesis, shape: str, faults: Sequenc
     ends = shape in ENDING
     times = {(a, b if ends else np.inf) for f in faults for a, b in zip(f.onset.tolist(), f.end.tolist(), strict=True)}
     onset, end = np.array(sorted(one for one in times if np.isfinite(one[1]) == ends)).reshape(-1, 2).T
-    wide = np.full(len(onset), width)
-    return at_times(problem, hypothesis, shape, onset, end, wide, wide)
+    return at_times(problem, hypothesis, shape, onset, end, width)
 
 
 def _off(x: Array) -> Array:

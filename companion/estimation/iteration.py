@@ -18,8 +18,9 @@ vehicle did not move says little of its onset: that is sought again with its siz
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -37,10 +38,10 @@ from companion.estimation.learned_noise import (
     shocks,
 )
 from companion.estimation.linearisation import PreintegratedImu, linearise, preintegrate_imu
-from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
+from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, Rival, States, corrected
 from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
-from companion.estimation.shapes import activation
+from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.system import Prior, Problem, misfit, squares
 from companion.model import Array, interpolated, nearest
 from companion.strapdown import preintegrate
@@ -247,16 +248,12 @@ def preintegrated(
     return preintegrate_imu(setup, bias)
 
 
-def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:
+def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterable[Start]:
     """Where the iteration may begin: at an estimate whose flight goes on, which fitted so far; else where it would."""
     others = iter(starts)
     first = next(others)
     resumed = _resumed(setup, first, before)
-    if resumed is not None:
-        yield resumed
-        return
-    yield first
-    yield from others
+    return chain((first,), others) if resumed is None else (resumed,)
 
 
 def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
@@ -284,22 +281,40 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimeShifted:
-    """The readings at the times that they speak of if a candidate is right, and the candidate so found."""
+class Adaptation:
+    """A hypothesis with the estimate that has it, and every hypothesis in its place at the same noise."""
 
-    setup: Setup
     candidate: Candidate
-    estimated: tuple[Start, Problem] | None = None  # of both, where that was needed to find them
+    setup: Setup
+    settled: Start
+    linear: Problem
+    rivals: tuple[Rival, ...] = ()
 
 
-def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> TimeShifted | None:
-    """The problem with the readings where a candidate puts them.
+def estimate_with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:
+    """The estimate with one more hypothesis; None for what cannot be."""
+    if candidate.hypothesis.time_shifts:
+        possible = time_shifted(setup, start, accepted, candidate)
+    else:
+        possible = _with(setup, start, accepted, candidate)
+    if possible is None:
+        return None
+    last, c = possible.candidate.of(possible.linear), possible.linear.solution.c
+    size = c[len(c) - (0 if last is None else last.unknowns) :]
+    too_large = candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.max_plausible).any()
+    return None if too_large else possible
 
-    As it is where the candidate moves no readings in time, or its size does not settle; None where readings would
-    speak of what has not happened yet.
+
+def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation:
+    return Adaptation(candidate, setup, *estimate(setup, start, [*accepted, candidate], passes=num.TRIAL_PASSES))
+
+
+def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:
+    """The estimate with the readings where a candidate puts them that moves readings in time.
+
+    With the readings as they are where its size does not settle; None where readings would speak of what has not
+    happened yet.
     """
-    if not candidate.hypothesis.time_shifts:
-        return TimeShifted(setup, candidate)
     linearly, moved, settled = candidate, setup, start
     for searched in (False, True):
         for _ in range(num.LATENCY_ROUNDS):
@@ -312,12 +327,12 @@ def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], cand
                 return None
             moved = _moved(setup, candidate)
         else:
-            return TimeShifted(setup, linearly)
+            return _with(setup, start, accepted, linearly)
         if searched or candidate.shape != "step" or abs(candidate.taken) < num.LATENCY_SEARCHED_S:
             break
         candidate = _with_onset(setup, settled, accepted, candidate)
         moved = _moved(setup, candidate)
-    return TimeShifted(moved, candidate, (settled, linear))
+    return Adaptation(candidate, moved, settled, linear)
 
 
 def _moved(setup: Setup, candidate: Candidate) -> Setup:

@@ -12,7 +12,7 @@ Also here: redescending weights of readings, and of process noise, that their ow
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,14 +24,7 @@ from companion.estimation.losses import BoolArray
 from companion.estimation.model import ATTITUDE, GYRO_BIAS, NOISES, POSITION, STATES, VELOCITY, ProcessNoise
 from companion.estimation.setup import Setup
 from companion.estimation.spectrum import neighbourhoods
-from companion.estimation.system import (
-    Index,
-    Problem,
-    applied,
-    measurement_residual,
-    measurement_variance,
-    motion_residual,
-)
+from companion.estimation.system import Index, Problem, measurement_residual, measurement_variance, motion_residual
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
@@ -75,15 +68,26 @@ def scatter(setup: Setup) -> tuple[float, float]:
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
-def limits_trusting_imu(setup: Setup) -> dict[str, tuple[float, float]]:
-    """Limits of the noise, three times what the IMU's readings scatter by: aiding sensors explain the rest."""
-    return {
-        cause: (least, float(np.clip(num.FILTERED_NOISE * shown, least, most)))
-        for (cause, (least, most)), shown in zip(noise_limits(setup).items(), scatter(setup), strict=True)
-    }
+def doubted_limits(
+    setup: Setup, linear: Problem, noise: ProcessNoise, scale: Mapping[str, float], *, imu_in_order: bool
+) -> Iterator[dict[str, tuple[float, float]]]:
+    """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise.
+
+    imu_in_order: whether nothing of the IMU is explained: its noise then is three times what its readings scatter by.
+    """
+    limits, shown = noise_limits(setup), scatter(setup)
+    if noise.contradicts(shown) and imu_in_order:
+        yield {
+            cause: (least, float(np.clip(num.FILTERED_NOISE * own, least, most)))
+            for (cause, (least, most)), own in zip(limits.items(), shown, strict=True)
+        }
+    if noise.gyro_wanders:
+        yield limits | {"gyro_walk": (FIRST_NOISE.gyro_walk, FIRST_NOISE.gyro_walk)}
+    if limited := _persistent_limits(setup, scale, linear):
+        yield limits | limited
 
 
-def persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Problem) -> dict[str, tuple[float, float]]:
+def _persistent_limits(setup: Setup, scale: Mapping[str, float], linear: Problem) -> dict[str, tuple[float, float]]:
     """Limits of the scales of aiding sensors that need more noise than usual, while their readings scatter by less.
 
     It is then no noise: they are off for long. Where it is so, the scale is limited to what one in order would have: a
@@ -297,7 +301,7 @@ def coloured(linear: Problem) -> dict[str, float]:
     sigma = np.sqrt(linear.variance)[moving]
     # any draw serves, and the same log gets the same answer
     drawn = linear.solution.redrawn(linear.drawn(np.random.default_rng(0), 1))
-    noise = applied(drawn.motion.weight, motion_residual(drawn.motion, drawn))[..., 0]
+    noise = (drawn.motion.weight @ motion_residual(drawn.motion, drawn))[..., 0]
     own, white = (_in_body(linear, e)[moving, :STATES] * sigma for e in (linear.solution.disturbances[0], noise))
     return {
         sensor: max(1.0, _correlation_factor(own[:, block]) / _correlation_factor(white[:, block]))

@@ -96,16 +96,12 @@ def linearise(
             covariance[setup.switched, block, block] += hypothesis_of(kind).prior ** 2 * np.eye(3)
     back = turn.swapaxes(-1, -2)
     shift = _shift(pim, states, turn)
-    transition, weight = turn @ pim.transition @ back, turn @ _inverse(covariance) @ back
     keeps, wanders = _slow_motion(setup, slow)
-    constants = np.zeros((len(weight), STATES + keeps.shape[1], CONSTANT_STATES))
+    transition = _with_receiver_motion(_beside(turn @ pim.transition @ back, keeps), setup)
+    weight = _beside(turn @ _inverse(covariance) @ back, 1.0 / wanders)
+    constants = np.zeros((*weight.shape[:2], CONSTANT_STATES))
     constants[:, :9, _MATRICES] = turn[:, :9, :9] @ pim.matrices
-    motion = Motion(  # of which the residual comes last
-        np.empty(constants.shape[:2]),
-        _with_receiver_motion(_beside(transition, keeps), setup),
-        constants,
-        _beside(weight, 1.0 / wanders),
-    )
+    motion = Motion(np.empty(weight.shape[:2]), transition, constants, weight)  # whose residual comes last
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
     del turn, covariance, back  # the solution needs the memory
     at = _kinematics(setup, pim, states)
@@ -205,9 +201,8 @@ def _left_jacobian(turn: Array) -> Array:
     """(N, 3, 3) of exp at rotation vectors (N, 3), rad: exp(a + δ) = exp(J_l δ) exp(a)."""
     angle = np.maximum(np.linalg.norm(turn, axis=1), 1e-4)[:, None, None]  # below it both quotients are at their limits
     across = skew(turn)
-    return np.asarray(
-        np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * across + (angle - np.sin(angle)) / angle**3 * (across @ across)
-    )
+    once, twice = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + once * across + twice * (across @ across))
 
 
 def _motion_residual(setup: Setup, pim: PreintegratedImu, states: States, shift: Array) -> Array:
@@ -218,16 +213,9 @@ def _motion_residual(setup: Setup, pim: PreintegratedImu, states: States, shift:
     )
     q = quaternion.multiply(quaternion.exp(shift[:, :3]), q)
     angle = quaternion.log(quaternion.multiply(q, quaternion.conjugate(states.q_ned_frd[1:])))
-    return np.concatenate(
-        (
-            angle,
-            v + shift[:, 3:6] - states.velocity[1:],
-            p + shift[:, 6:9] - states.position[1:],
-            states.gyro_bias[:-1] - states.gyro_bias[1:],
-            states.accel_bias[:-1] - states.accel_bias[1:],
-        ),
-        axis=1,
-    )
+    v, p = v + shift[:, 3:6] - states.velocity[1:], p + shift[:, 6:9] - states.position[1:]
+    walks = (bias[:-1] - bias[1:] for bias in (states.gyro_bias, states.accel_bias))
+    return np.concatenate((angle, v, p, *walks), axis=1)
 
 
 def _kinematics(setup: Setup, pim: PreintegratedImu, states: States) -> Kinematics:

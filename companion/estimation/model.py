@@ -70,10 +70,8 @@ class ProcessNoise:
 
     def contradicts(self, scatter: tuple[float, float]) -> bool:
         """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
-        return any(
-            own > num.NOISE_BEYOND * shown
-            for own, shown in zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
-        )
+        both = zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
+        return any(own > num.NOISE_BEYOND * shown for own, shown in both)
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,9 +271,8 @@ class BestEstimate:
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the aiding sensors tell, the first in time first
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     further: tuple[Rival, ...] = ()  # the hypotheses beside those in the estimate, the likeliest fault first
-    detectable: Mapping[str, float] = field(
-        default_factory=dict
-    )  # kind → smallest that would have been accused in 95 % of such flights
+    # kind → smallest that would have been accused in 95 % of such flights
+    detectable: Mapping[str, float] = field(default_factory=dict)
     confusion: ConfusionMatrix | None = None  # where it was asked for
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which aiding sensor gives the heading
     notes: tuple[str, ...] = ()

@@ -118,12 +118,14 @@ def spectral_noise(track: ImuTrack, gap_s: float) -> tuple[float, float]:
 
     Where no band is left to read them in, by how neighbouring samples differ. Not all that a gyro shows is noise.
     """
+
+    def of(noise: WhiteNoise | None, readings: Array) -> float:
+        if noise is None:
+            return scatter_between_samples(readings, track.rate_hz)
+        return float(np.sqrt(np.mean(np.square(noise.sampled))))
+
     gyro, accel = (white_noise(track, sensor, gap_s) for sensor in ("gyro", "accel"))
-    return (
-        healthy.GYRO_SHARE
-        * (scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled)),
-        scatter_between_samples(track.accel, track.rate_hz) if accel is None else _together(accel.sampled),
-    )
+    return healthy.GYRO_SHARE * of(gyro, track.gyro), of(accel, track.accel)
 
 
 def _spread_evenly(begin: Index, most: int) -> Index:
@@ -140,10 +142,6 @@ def between_samples(readings: Array) -> Array:
     """(3,) 1σ of each axis of readings (N, 3), by second differences: as if they were white."""
     rough = np.array([np.diff(axis, n=2).std() for axis in readings.T])
     return np.asarray(rough / np.sqrt(6.0))  # of white noise: 1 + 4 + 1
-
-
-def _together(densities: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(densities))))
 
 
 def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
@@ -187,10 +185,8 @@ def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: S
     zero = values[order[0]] == 0
     if counts[order[:2]].sum() < num.TWO_VALUES_SHARE * len(readings) and not (zero and share > num.MOSTLY_ZERO_SHARE):
         return None
-    outside = 1.0 - share
-    outside += (3.0 + 2.0 * np.sqrt(outside * len(readings))) / len(
-        readings
-    )  # none of n seen: less than 3/n, with 95 %
+    outside = 1.0 - share  # none of n seen: less than 3/n, with 95 %
+    outside += (3.0 + 2.0 * np.sqrt(outside * len(readings))) / len(readings)
     wide = 2.0 if zero else 1.0
     sigma = step * float(np.std(readings / step))
     if zero or outside < 0.2:

@@ -12,7 +12,6 @@ from functools import reduce
 import numpy as np
 
 from companion.constants import num
-from companion.estimation.aiding_sensors import SENSORS
 from companion.estimation.candidate import Candidate
 from companion.estimation.differences import Differences
 from companion.estimation.iteration import Start
@@ -43,7 +42,7 @@ def best_estimate(
     setup: Setup, settled: Start, linear: Problem, accepted: Sequence[Candidate], rivals: Sequence[tuple[Rival, ...]]
 ) -> BestEstimate:
     """Where an iteration with what is accepted has settled, and how well it is known."""
-    states = settled.states
+    states, own, louder = settled.states, settled.noise, linear.noise
     covariance = linear.solution.covariances()
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     if not (variance > 0).all():
@@ -51,9 +50,7 @@ def best_estimate(
     sigma = np.sqrt(variance)
     of_constants = np.diagonal(linear.solution.constants_covariance)[:CONSTANT_STATES]
     residuals = {
-        one.name: Residuals(
-            one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, SENSORS[one.name].unit
-        )
+        one.name: Residuals(one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, one.unit)
         for one in linear.measurements
     }
     heading = "compass" if "compass" in residuals else "GPS and acceleration"
@@ -72,11 +69,8 @@ def best_estimate(
         constants_sigma=np.sqrt(np.maximum(of_constants, 0.0)),
         errors=constant_errors(states, linear),
         first_half=of_first_half(linear),
-        noise=settled.noise,
-        correlated=(
-            linear.noise.gyro_noise / settled.noise.gyro_noise,
-            linear.noise.accel_noise / settled.noise.accel_noise,
-        ),
+        noise=own,
+        correlated=(louder.gyro_noise / own.gyro_noise, louder.accel_noise / own.accel_noise),
         scatter=scatter(setup),
         measurement_scale=dict(settled.scale),
         slow_sigma=dict(settled.slow),

@@ -205,12 +205,8 @@ def _columns_of(
     for hypothesis, whole in signatures.items():
         m = whole.unknowns
         for factors in changed(problem, whole):
-            stack.add(
-                factors,
-                cuts,
-                at + hypothesis.basis_order * m * (factors.measured in hypothesis.integrated),
-                hypothesis.basis_order,
-            )
+            beyond = hypothesis.basis_order * m * (factors.measured in hypothesis.integrated)
+            stack.add(factors, cuts, at + beyond, hypothesis.basis_order)
         places[hypothesis] = slice(at, at + columns[hypothesis] * m)
         at = places[hypothesis].stop
     beside = stack.beside_constants(solution)

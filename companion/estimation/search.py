@@ -49,14 +49,9 @@ class Cells:
         return trial(self.hypothesis, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
 
 
-def full_grid(problem: Problem) -> Scan:
-    """The scan on whose cuts hypotheses are tried."""
-    return scan(problem, num.SCAN_STRETCHES)
-
-
 def trials(problem: Problem) -> tuple[Trial, ...]:
     """Every hypothesis and shape with its evidence, the likeliest first."""
-    grid = full_grid(problem)
+    grid = scan(problem, num.SCAN_STRETCHES)
     every = [
         one
         for hypothesis in HYPOTHESES
@@ -93,8 +88,8 @@ def _on_the_grid(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: st
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
         lasts = end - begin >= num.PULSE_MIN_S[hypothesis.device]
-        width = np.full(int(lasts.sum()), float(np.median(np.diff(problem.t))))
-        parts.append(at_times(problem, hypothesis, shape, begin[lasts], end[lasts], width, width))
+        width = float(np.median(np.diff(problem.t)))
+        parts.append(at_times(problem, hypothesis, shape, begin[lasts], end[lasts], width))
     weighed = [one.weighed(problem) for one in parts if one is not None]
     return joined(weighed) if weighed else None
 
@@ -130,7 +125,7 @@ def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) ->
     width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
     onset = grid.cuts[begin]
     final = np.full(len(onset), np.inf) if end is None else grid.cuts[end]
-    return _scored(problem, hypothesis, shape, (onset, final, _weight(problem, onset, final, width, width)), scores)
+    return _scored(problem, hypothesis, shape, (onset, final, _weight(problem, onset, final, width)), scores)
 
 
 def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
@@ -146,13 +141,13 @@ def _beyond_rounding(b: Array, v: Array, own: Array) -> tuple[Array, Array]:
 
 
 def at_times(
-    problem: Problem, hypothesis: Hypothesis, shape: str, onset: Array, end: Array, wide: Array, long: Array
+    problem: Problem, hypothesis: Hypothesis, shape: str, onset: Array, end: Array, width: float
 ) -> Cells | None:
-    """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
+    """At any times; width: s, of the cells about onset and end."""
     scores = score(problem, hypothesis, shape, onset, end) if len(onset) else None
     if scores is None:
         return None
-    return _scored(problem, hypothesis, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
+    return _scored(problem, hypothesis, shape, (onset, end, _weight(problem, onset, end, width)), scores)
 
 
 def _scored(
@@ -169,38 +164,33 @@ def _scored(
 
 def of_other_imus(problem: Problem) -> tuple[Cells, ...]:
     """What may be wrong with every other IMU than the estimate's."""
-    hypotheses = [
-        (hypothesis, shape) for hypothesis in HYPOTHESES if hypothesis.min_between_imus for shape in hypothesis.shapes
-    ]
-    return tuple(_of_another(problem, one, *which) for one in problem.others for which in hypotheses)
+    tried = [(one, shape) for one in HYPOTHESES if one.min_between_imus for shape in one.shapes]
+    return tuple(_of_another(problem, other, *one) for other in problem.others for one in tried)
 
 
 def _of_another(problem: Problem, one: Differences, hypothesis: Hypothesis, shape: str) -> Cells:
     """An error of another IMU, that begins and ends within blocks of its differences."""
-    times = np.linspace(one.t[0], one.t[-1], num.ONSETS_PER_BLOCK * len(one.t))
-    apart = float(times[1] - times[0])
+    onset = np.linspace(one.t[0], one.t[-1], num.ONSETS_PER_BLOCK * len(one.t))
+    end, width = np.full(len(onset), np.inf), float(onset[1] - onset[0])
     if shape in ENDING:
-        cuts = times[:: -(-len(times) // num.SCAN_STRETCHES)]
+        cuts = onset[:: -(-len(onset) // num.SCAN_STRETCHES)]
         onset, end = _pairs(cuts)
-        width = np.full(len(onset), float(np.diff(cuts).max()))
-        lasts = end - onset >= num.PULSE_MIN_S["imu"]
-        onset, end, width = onset[lasts], end[lasts], width[lasts]
-    else:
-        onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
-    weight = _weight(problem, onset, end, width, width)
+        lasts, width = end - onset >= num.PULSE_MIN_S["imu"], float(np.diff(cuts).max())
+        onset, end = onset[lasts], end[lasts]
+    weight = _weight(problem, onset, end, width)
     scores = one.score(hypothesis, shape, onset, end)
     return Cells(hypothesis, shape, onset, end, weight, *scores, imu=one.instance)
 
 
-def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
-    """(T,) prior probability of cells of widths wide and long, s: onsets alike, durations alike in their logarithm."""
+def _weight(problem: Problem, onset: Array, end: Array, width: float) -> Array:
+    """(T,) prior probability of cells of a width, s: onsets alike, durations alike in their logarithm."""
     first, last = times_of_change(problem.t)
     span = max(last - first, num.CHANGE_MIN_S)
-    share = np.minimum(wide / span, 1.0) * np.ones(len(onset))
+    share = np.full(len(onset), min(width / span, 1.0))
     ends = np.isfinite(end)
     lasted = np.where(ends, np.maximum(end - onset, num.CHANGE_MIN_S), 1.0)
     durations = max(float(np.log(span / num.CHANGE_MIN_S)), 1.0)
-    return np.asarray(np.where(ends, share * np.minimum(long / lasted / durations, 1.0), share))
+    return np.asarray(np.where(ends, share * np.minimum(width / lasted / durations, 1.0), share))
 
 
 def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -229,8 +219,7 @@ def _refined(problem: Problem, one: Trial, grid: Scan) -> Trial:
         right &= ~np.isfinite(end) | (end <= last)
         if not right.any():
             return one
-        cell = np.full(int(right.sum()), width)
-        scored = at_times(problem, one.hypothesis, one.shape, onset[right], end[right], cell, cell)
+        scored = at_times(problem, one.hypothesis, one.shape, onset[right], end[right], width)
         if scored is None:
             return one
         fine = scored.weighed(problem)

@@ -160,9 +160,8 @@ def _readings(intake: Intake) -> list[Readings]:
     if not any(SENSORS[one.name].device == "gps" for one in readings):
         gps = intake.flight.gps
         why = f"none of the {len(gps)} has {num.MIN_FIXES} fixes in the IMU's time: " if gps else ""
-        intake.notes.append(
-            f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known"
-        )
+        known = "attitude only, from gravity and compass; position and velocity are not known"
+        intake.notes.append(f"no GPS: {why}{known}")
         every = np.arange(len(intake.t), dtype=np.intp)
         readings.insert(0, SENSORS["calm"].at(intake.t, every, np.zeros((len(every), 3))))
     return readings
@@ -202,8 +201,13 @@ def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Arra
 
 def first_guess(setup: Setup, flight: Flight) -> States:
     """Where the iteration begins: the autopilot's attitude where there is one, else gravity and compass."""
-    count = len(setup.t)
-    q = _attitude_guess(setup, flight)
+    count, attitude = len(setup.t), flight.attitude
+    if attitude is not None and len(attitude) > 1:
+        i = np.clip(np.searchsorted(attitude.t, setup.t, side="right") - 1, 0, len(attitude) - 2)
+        u = np.clip((setup.t - attitude.t[i]) / (attitude.t[i + 1] - attitude.t[i]), 0.0, 1.0)
+        q = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[i + 1], u)
+    else:
+        q = _triad(setup)
     position, velocity = np.zeros((count, 3)), np.zeros((count, 3))
     for one in setup.readings:
         if one.name in FIXED:
@@ -213,29 +217,14 @@ def first_guess(setup: Setup, flight: Flight) -> States:
                   np.zeros((count, sum(p.stop - p.start for p in setup.slow.values()))))  # fmt: skip
 
 
-def unaided_guess(setup: Setup, flight: Flight) -> States:
-    """The same by gravity and compass, where there is one: an estimator that is far off leads to nowhere."""
-    return first_guess(setup, replace(flight, attitude=None) if _heading_is_observed(setup) else flight)
-
-
 def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
-    """Where the iteration may begin, made as they are asked for: with the autopilot's attitude, and without it."""
+    """Where the iteration may begin, made as they are asked for: with the autopilot's attitude, at last without it.
+
+    By gravity and compass alone, where there is one: an estimator that is far off leads to nowhere.
+    """
     yield first_guess(setup, flight)
-    if flight.attitude is not None and _heading_is_observed(setup):
-        yield unaided_guess(setup, flight)
-
-
-def _heading_is_observed(setup: Setup) -> bool:
-    return any(one.name == "compass" for one in setup.readings)
-
-
-def _attitude_guess(setup: Setup, flight: Flight) -> Array:
-    attitude = flight.attitude
-    if attitude is not None and len(attitude) > 1:
-        i = np.clip(np.searchsorted(attitude.t, setup.t, side="right") - 1, 0, len(attitude) - 2)
-        u = np.clip((setup.t - attitude.t[i]) / (attitude.t[i + 1] - attitude.t[i]), 0.0, 1.0)
-        return quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[i + 1], u)
-    return _triad(setup)
+    if flight.attitude is not None and any(one.name == "compass" for one in setup.readings):
+        yield first_guess(setup, replace(flight, attitude=None))
 
 
 def _triad(setup: Setup) -> Array:

@@ -17,20 +17,22 @@ from companion.constants import harm, healthy, num, priors
 from companion.estimation.candidate import Candidate, beside
 from companion.estimation.evidence import Trial
 from companion.estimation.identifiability import confusion_matrix
-from companion.estimation.iteration import Start, estimate, likelihood, preintegrated, resuming, start_of, time_shifted
-from companion.estimation.learned_noise import (
-    FIRST_NOISE,
-    limits_trusting_imu,
-    noise_limits,
-    persistent_limits,
-    scatter,
+from companion.estimation.iteration import (
+    Adaptation,
+    Start,
+    estimate,
+    estimate_with,
+    likelihood,
+    preintegrated,
+    resuming,
+    start_of,
 )
+from companion.estimation.learned_noise import doubted_limits, scatter
 from companion.estimation.linearisation import linearise
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, VELOCITY, BestEstimate, Rival, States
 from companion.estimation.result import best_estimate
 from companion.estimation.search import trials
 from companion.estimation.setup import Setup, guesses, set_up
-from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
 
@@ -145,17 +147,6 @@ def _bias_sigma(states: States) -> Array | None:
     return np.where(unusual, faulty, usual) if unusual.any() else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Adaptation:
-    """A hypothesis with the estimate that has it, and every hypothesis in its place at the same noise."""
-
-    candidate: Candidate
-    setup: Setup
-    settled: Start
-    linear: Problem
-    rivals: tuple[Rival, ...] = ()
-
-
 def next_adaptation(
     setup: Setup, start: Start, settled: Start, linear: Problem, accepted: Sequence[Candidate]
 ) -> Adaptation | tuple[Rival, ...]:
@@ -165,14 +156,12 @@ def next_adaptation(
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
     It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew.
     """
-    begin = (
-        replace(settled, states=start.states)
-        if settled.noise.contradicts(scatter(setup))
-        else replace(settled, near=True)
-    )
+    anew = settled.noise.contradicts(scatter(setup))
+    begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
     usual = trials(linear)
     candidates = _candidates(usual)
-    for limits in _doubted_noise(setup, settled, linear, accepted):
+    in_order = not any(one.hypothesis.device == "imu" for one in accepted)
+    for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
         _, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
         candidates |= _candidates(trials(believed))
     tried, weighed = _tried(setup, begin, accepted, candidates.values())
@@ -185,10 +174,9 @@ def next_adaptation(
         if best.imu is not None:  # nothing of the estimate changes
             return Adaptation(best, setup, settled, beside(linear, best), rivals)
         same = [one for one in tried if one.candidate.name == best.name]
-        if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
-            return replace(
-                own, rivals=rivals, candidate=replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
-            )
+        if (own := same[0] if same else estimate_with(setup, begin, accepted, best)) is not None:
+            candidate = replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
+            return replace(own, rivals=rivals, candidate=candidate)
         impossible.add(best.hypothesis.name)
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
@@ -203,7 +191,7 @@ def _tried(
     tried, weighed = list[Adaptation](), list[Candidate]()
     left = sorted(candidates, key=lambda one: one.log_odds)
     while left:
-        if (one := _with(setup, begin, accepted, left.pop())) is None:
+        if (one := estimate_with(setup, begin, accepted, left.pop())) is None:
             continue
         if tried and likelihood(one.settled, one.linear) <= likelihood(tried[0].settled, tried[0].linear):
             tried.append(one)
@@ -235,33 +223,6 @@ def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], C
         if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
             chosen.setdefault(one.hypothesis.device == "imu", Candidate.of_trial(one))
     return {candidate.name: candidate for candidate in chosen.values()}
-
-
-def _doubted_noise(
-    setup: Setup, settled: Start, linear: Problem, accepted: Sequence[Candidate]
-) -> Iterator[dict[str, tuple[float, float]]]:
-    """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
-    if settled.noise.contradicts(scatter(setup)) and not any(one.hypothesis.device == "imu" for one in accepted):
-        yield limits_trusting_imu(setup)
-    if settled.noise.gyro_wanders:
-        yield noise_limits(setup) | {"gyro_walk": (FIRST_NOISE.gyro_walk, FIRST_NOISE.gyro_walk)}
-    if limited := persistent_limits(setup, settled.scale, linear):
-        yield noise_limits(setup) | limited
-
-
-def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:
-    """The estimate with one more hypothesis; None for what cannot be."""
-    possible = time_shifted(setup, start, accepted, candidate)
-    if possible is None:
-        return None
-    settled, linear = possible.estimated or estimate(
-        possible.setup, start, [*accepted, possible.candidate], passes=num.TRIAL_PASSES
-    )
-    last = possible.candidate.of(linear)
-    size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
-    if possible.candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.max_plausible).any():
-        return None
-    return Adaptation(possible.candidate, possible.setup, settled, linear)
 
 
 def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:

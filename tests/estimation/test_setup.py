@@ -9,7 +9,7 @@ import pytest
 
 from companion.constants import healthy, num
 from companion.estimation.earth_field import field_at
-from companion.estimation.setup import set_up, unaided_guess
+from companion.estimation.setup import guesses, set_up
 from companion.model import STANDARD_GRAVITY, Array, CompassTrack, Origin, interpolated
 from companion.strapdown import quaternion
 from tests.estimation.sensed import EPOCH, PLACE, sensed, with_imu
@@ -45,7 +45,8 @@ def test_gravity_and_compass_tell_a_manoeuvring_vehicle_where_to_begin(path: str
     """What it accelerates by is told by GPS, what it turns by in some seconds by the gyro."""
     flight, truth = sensed(60.0, path)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
-    guess = unaided_guess(setup, flight).q_ned_frd
+    *_, unaided = guesses(setup, flight)
+    guess = unaided.q_ned_frd
     off = quaternion.multiply(guess, quaternion.conjugate(truth.q_ned_frd[setup.index]))
     angle = np.degrees(np.linalg.norm(quaternion.log(off), axis=1))
     assert np.median(angle) < 2.0
