@@ -129,7 +129,7 @@ class AidingSensor:
     height: bool = False  # whether it reads the height above a fixed place, and nothing else
 
     def at_keyframes(self, when: Array, value: Array, t: Array, spacing: float, own: Array | None = None) -> Readings:
-        """Of readings (N, d) at times (N,) s the nearest to each keyframe t (K,), each once.
+        """Of readings (N, d), two or more, at times (N,) s the nearest to each keyframe t (K,), each once.
 
         Where one is valid within half a spacing (s). own: (N,) 1σ that the sensor states, NaN or 0 where it states
         none: believed down to a twentieth of the nominal one.
@@ -138,14 +138,10 @@ class AidingSensor:
         if own is not None:
             sigma = np.where(np.isfinite(own) & (own > 0), np.maximum(own, 0.05 * self.nominal), self.nominal)
         valid = when - self.latency_s
-        i = np.clip(np.searchsorted(valid, t), 1, max(len(valid) - 1, 1))
-        i = i - (t - valid[i - 1] < valid[np.minimum(i, len(valid) - 1)] - t)
-        near = np.abs(valid[i] - t) <= 0.5 * spacing + 1e-3
-        k = np.flatnonzero(near).astype(np.intp)
-        i = i[near]
-        once = np.concatenate([[True], np.diff(i) > 0]) if len(i) else np.zeros(0, np.bool_)
-        k, i = k[once], i[once]
-        unused = np.zeros(len(i), np.intp)
+        i = nearest(valid, t)
+        k = np.flatnonzero(np.abs(valid[i] - t) <= 0.5 * spacing + 1e-3)
+        k = k[np.diff(i[k], prepend=-1) > 0]
+        i, unused = i[k], np.zeros(len(k), np.intp)
         sigma = np.repeat(sigma[i, None], value.shape[1], axis=1)
         return Readings(self.name, when[i], k, value[i], sigma, unused, latency_s=self.latency_s)
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 Index = npt.NDArray[np.intp]
 
-_ALL = slice(None)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -102,21 +100,16 @@ class Problem:
         return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
 
     def with_residuals(
-        self,
-        motion: Array,
-        measured: Iterable[Array],
-        prior: tuple[Array, ...],
-        apart: Iterable[Mapping[str, Array]] = (),
+        self, motion: Array, measured: Iterable[Array], prior: tuple[Array, ...], apart: Iterable[Mapping[str, Array]]
     ) -> Problem:
         """N data sets: of motion (K-1, n, N), each sensor (M, d, N), states (n, N), constants (C, N), other IMUs."""
+        read, others = zip(self.measurements, measured, strict=True), zip(self.others, apart, strict=True)
         return replace(
             self,
             motion=replace(self.motion, residual=motion),
-            measurements=tuple(
-                replace(one, residual=own) for one, own in zip(self.measurements, measured, strict=True)
-            ),
+            measurements=tuple(replace(one, residual=own) for one, own in read),
             prior=replace(self.prior, residual=prior[0], constants_residual=prior[1]),
-            others=tuple(replace(one, value=own) for one, own in zip(self.others, apart, strict=False)),
+            others=tuple(replace(one, value=own) for one, own in others),
         )
 
     def drawn(self, rng: np.random.Generator, count: int) -> Problem:
@@ -128,7 +121,7 @@ class Problem:
             for one in self.measurements
         ]
         nothing = np.zeros((len(prior.sigma), count)), np.zeros((len(prior.constants_sigma), count))
-        return self.with_residuals(motion, measured, nothing)
+        return self.with_residuals(motion, measured, nothing, [one.value for one in self.others])
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,10 +294,8 @@ def misfit(problem: Problem) -> float:
     return squares(motion_residual(problem.motion, problem.solution), problem.motion.weight, measured)
 
 
-def motion_residual_covariance(
-    motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice = _ALL
-) -> Array:
-    """(K-1, n, n) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone.
+def motion_residual_covariance(motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice) -> Array:
+    """(K-1, n, n) posterior covariance of r + Φ x_k + G c - x_{k+1}, of some of the intervals.
 
     blocks: of A⁻¹, as `Factor.inverse_blocks` gives them.
     """

@@ -129,7 +129,7 @@ def test_the_covariances_are_those_of_the_dense_inverse(
     row[0, : COUNT * STATES].reshape(COUNT, STATES)[:, :2] = weights
     assert known.variance_of_sum(weights) == pytest.approx(float((row @ inverse @ row.T).item()))
 
-    of_motion = motion_residual_covariance(motion, solution, solution.factor.inverse_blocks())
+    of_motion = motion_residual_covariance(motion, solution, solution.factor.inverse_blocks(), slice(None))
     step, constants = 3, slice(COUNT * STATES, None)
     row = np.zeros((STATES, len(inverse)))
     row[:, step * STATES : (step + 1) * STATES] = motion.transition[step]
