@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.analysis import LaneSpan
-from companion.analysis.lane_errors import healthy_bound
+from companion.analysis.lanes import healthy_bound
 from companion.analysis.reference import attitude_error
 from companion.app.examination import lanes_of
 from companion.app.recording import read_recording

@@ -7,8 +7,6 @@ from companion.analysis.calibrate import NAMES, NO_CORRECTION, PARTS, Calibratio
 from companion.analysis.comparison import (
     Comparison,
     Integration,
-    WindowErrors,
-    Windows,
     compare,
     errors,
     gravity_for,
@@ -25,7 +23,6 @@ from companion.analysis.drift import (
     RunningDrift,
     Statistic,
     drift,
-    drift_of,
     each_imu,
     newest_stands_out,
 )
@@ -34,43 +31,22 @@ from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
-from companion.analysis.incident import (
-    Incident,
-    Moment,
-    Output,
-    ProbableCause,
-    TimelineRow,
-    Tracking,
-    imus_within,
-    incident,
-    window,
-)
+from companion.analysis.incident import Incident, Output, ProbableCause, imus_within, incident, window
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
-from companion.analysis.lane_errors import known_share
-from companion.analysis.lanes import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, judge_lanes
+from companion.analysis.lanes import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, judge_lanes, known_share
 from companion.analysis.noise import (
     AxisNoise,
     FlightNoise,
     ImuNoise,
     ModelFigure,
     RestNoise,
-    SensorModel,
     imu_noise,
     noise_in_flight,
     noise_model,
 )
 from companion.analysis.phases import AIRBORNE_REPORTS, phases
-from companion.analysis.pose_error import (
-    Expectation,
-    PoseError,
-    Spread,
-    ape,
-    expected_by_age,
-    expected_since_anchor,
-    rpe,
-)
-from companion.analysis.preflight import Ageing, Preflight, ageing, preflight
-from companion.analysis.preflight_aiding import Check
+from companion.analysis.pose_error import Expectation, PoseError, ape, expected_by_age, expected_since_anchor, rpe
+from companion.analysis.preflight import Ageing, Check, Preflight, ageing, preflight
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, FreeRun, FreeState, Replay, extend, replay, replay_from_rest
 from companion.analysis.standing import StandingFault, believable, carried_on, standing_verdict

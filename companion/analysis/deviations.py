@@ -20,6 +20,7 @@ from companion.analysis.reference import (
     Limits,
     Reference,
     attitude_error,
+    block_means,
     length,
     reference_at,
     wrapped,
@@ -80,8 +81,7 @@ def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     full = np.flatnonzero(count >= 0.9 * np.bincount(block).clip(1))
     if len(full) < num.AP_BIAS_MIN_BLOCKS:
         return None
-    sums = [np.bincount(block[slow], (gyro - rates)[slow, axis], minlength=len(count))[full] for axis in range(3)]
-    means = np.column_stack(sums) / count[full, None]
+    means = block_means(block[slow], (gyro - rates)[slow])[full]
     newest = means[-max(num.AP_BIAS_MIN_BLOCKS, round(num.AP_BIAS_NEWEST * len(means))) :]
     used = full[-len(newest) :]
     middle = np.median(newest, axis=0)

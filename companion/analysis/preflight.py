@@ -8,30 +8,83 @@ cannot be told in between. Limits are what healthy vehicles stay within (`consta
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
 
 from companion.analysis.alignment import power_at_rest
 from companion.analysis.finding import runs
+from companion.analysis.findings.readings import read_by
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import in_the_air
-from companion.analysis.preflight_aiding import (
-    Check,
-    Measured,
-    Outcome,
-    Standing,
-    barometer_checks,
-    compass_checks,
-    gps_checks,
-    judged,
+from companion.analysis.reference import BoolArray, IntArray, block_means, length, wrapped
+from companion.constants import check, harm, healthy, num, priors
+from companion.estimation import field_at
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    CompassTrack,
+    DataError,
+    Flight,
+    GpsTrack,
+    ImuTrack,
+    median,
+    percentile,
 )
-from companion.analysis.reference import length
-from companion.constants import check, harm, healthy, num
-from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, median, percentile
 from companion.strapdown import quaternion
+
+Outcome = Literal["go", "no_go", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A size against its limit, SI."""
+
+    name: str  # "gyro_bias", "compass_field", ...
+    sensor: str  # the message or record
+    size: float
+    sigma: float
+    limit: float
+    unit: str  # "rad/s", "m/s²", "rad", "T", "m", ...; "" for none
+    outcome: Outcome
+    probability: float  # that the size is beyond the limit
+    autopilot: str = ""  # the autopilot's own pre-arm check that it anticipates
+    autopilot_limit: float | None = None
+    note: str = ""
+    uncorrected: float | None = None  # the size before what the estimator takes off; None: it takes nothing off
+
+    @property
+    def own(self) -> float:
+        """The size that is the sensor's own, whatever is known of it: what ages."""
+        return self.size if self.uncorrected is None else self.uncorrected
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The stretch in which the vehicle stands."""
+
+    start: float  # s, boot clock
+    end: float
+    motors_off: bool
+
+    def covers(self, t: Array) -> BoolArray:
+        """(N,) which times lie in it."""
+        return np.asarray((t >= self.start) & (t <= self.end))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """An IMU's readings while the vehicle stands: what a sensor ("gyro", "accel") reads, (N, 3), and its mean (3,)."""
+
+    t: Array  # (N,) s
+    readings: Mapping[str, Array]  # rad/s, m/s²
+    mean: Mapping[str, Array]
+    sigma: Mapping[str, Array]  # 1σ of the mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +167,11 @@ def _quiet(track: ImuTrack, start: float, end: float) -> tuple[float, float]:
     block = ((track.t[inside] - start) / check.REST_BLOCK_S).astype(np.intp)
     if not len(block):
         return start, start
-    count = np.bincount(block).astype(np.float64)
-    still = count >= 2
-    for readings, most, change in zip(
-        (track.gyro[inside], track.accel[inside]), healthy.REST_SPREAD, healthy.REST_CHANGE, strict=True
-    ):
-        sums = np.column_stack([np.bincount(block, column) for column in readings.T])
-        squares = np.column_stack([np.bincount(block, column**2) for column in readings.T])
-        mean = sums / np.maximum(count, 1.0)[:, None]
-        spread = np.sqrt(np.maximum(squares / np.maximum(count, 1.0)[:, None] - mean**2, 0.0)).max(axis=1)
-        still &= spread < most
+    still = np.bincount(block) >= 2
+    for sensor, most, change in zip(_UNITS, healthy.REST_SPREAD, healthy.REST_CHANGE, strict=True):
+        readings = read_by(track, sensor)[0][inside]
+        mean = block_means(block, readings)
+        still &= np.sqrt(np.maximum(block_means(block, readings**2) - mean**2, 0.0)).max(axis=1) < most
         still[1:] &= np.abs(np.diff(mean, axis=0)).max(axis=1) < change
     first, last = max(runs(np.asarray(still)), key=lambda run: run[1] - run[0], default=(0, -1))
     begin = start + float(first) * check.REST_BLOCK_S
@@ -135,42 +183,81 @@ def _means(track: ImuTrack, standing: Standing) -> Measured | None:
     inside = standing.covers(track.t)
     if inside.sum() < num.REST_READ_MIN_SAMPLES:
         return None
-    t, gyro, accel = track.t[inside], track.gyro[inside], track.accel[inside]
-    return Measured(
-        t, gyro, accel, gyro.mean(axis=0), _sigma(t, gyro, track.gyro_step),
-        accel.mean(axis=0), _sigma(t, accel, track.accel_step),
-    )  # fmt: skip
+    t, readings = track.t[inside], {sensor: read_by(track, sensor)[0][inside] for sensor in _UNITS}
+    sigma = {sensor: _sigma(t, values, read_by(track, sensor)[1]) for sensor, values in readings.items()}
+    return Measured(t, readings, {sensor: values.mean(axis=0) for sensor, values in readings.items()}, sigma)
+
+
+_UNITS = {"gyro": "rad/s", "accel": "m/s²"}
 
 
 def _sigma(t: Array, readings: Array, step: float) -> Array:
     """(3,) 1σ of a mean of readings (N, 3): of block means, which noise that lasts does not make smaller, and steps."""
     block = ((t - t[0]) / num.AVERAGED_S).astype(np.intp)
-    count = np.maximum(np.bincount(block), 1)
-    means = np.column_stack([np.bincount(block, column) for column in readings.T]) / count[:, None]
+    means = block_means(block, readings)
     scatter = means[np.bincount(block) > 0].std(axis=0) / math.sqrt(max(len(means) - 1, 1))
     return np.asarray(np.hypot(scatter, 0.5 * step))
 
 
+_PREARM: Mapping[str, tuple[str, str]] = {
+    "gyro_bias": ("Gyros not calibrated", "High Gyro Bias"),
+    "accel_size": ("Accels not calibrated", "High Accelerometer Bias"),
+    "accel_direction": ("Roll/Pitch inconsistent", "EKF attitude"),
+    "gyro_difference": ("Gyros inconsistent", "COM_ARM_IMU_GYR"),
+    "accel_difference": ("Accels inconsistent", "COM_ARM_IMU_ACC"),
+    "compass_field": ("Check mag field", "Check mag field"),
+    "compass_difference": ("Compasses inconsistent", "Compasses inconsistent"),
+    "compass_heading": ("heading inconsistent", "COM_ARM_EKF_YAW"),
+    "barometer_wander": ("Altitude disparity", "height estimate error"),
+    "gps_fix": ("need 3D fix", "GPS fix too low"),
+    "gps_satellites": ("EKF: GPS numsats", "EKF2_REQ_NSATS"),
+    "gps_horizontal_sigma": ("EKF: GPS accuracy", "EKF2_REQ_EPH"),
+    "gps_vertical_sigma": ("EKF: GPS accuracy", "EKF2_REQ_EPV"),
+    "gps_speed_sigma": ("EKF: GPS accuracy", "EKF2_REQ_SACC"),
+}
+"""Check → the autopilot's own pre-arm check that it anticipates: ArduPilot's, PX4's."""
+
+
+def _judged(
+    flight: Flight, name: str, sensor: str, size: float, sigma: float, limit: float, unit: str, note: str = ""
+) -> Check:
+    """No-go where a size is beyond its limit with 95 %, go where it is within with as much."""
+    p = NormalDist().cdf((size - limit) / max(sigma, 1e-300))
+    outcome: Outcome = "no_go" if p >= priors.ACCUSED else "go" if p <= 1.0 - priors.ACCUSED else "unknown"
+    theirs = _PREARM[name][_px4(flight)] if name in _PREARM else ""
+    return Check(name, sensor, size, sigma, limit, unit, outcome, p, theirs, _their_limit(flight, name, limit), note)
+
+
+def _their_limit(flight: Flight, name: str, limit: float) -> float | None:
+    """The autopilot's own limit: ArduPilot `AP_Arming.cpp`, PX4 `imuConsistencyCheck.cpp`; None where unknown."""
+    sensor, _, what = name.partition("_")
+    if what == "difference":
+        usual = (check.PREARM_PX4 if _px4(flight) else check.PREARM_ARDUPILOT)[sensor]
+        setting = _PREARM[name][1] if _px4(flight) else {"accel": "ARMING_ACCTHRESH"}.get(sensor, "")
+        return flight.parameters.get(setting, usual)
+    if name.endswith("_sigma"):
+        return flight.parameters.get(_PREARM[name][1]) if _px4(flight) else limit
+    return None
+
+
+def _px4(flight: Flight) -> bool:
+    return flight.vehicle.autopilot == "PX4"
+
+
 def _of_imus(
-    flight: Flight, tracks: Sequence[ImuTrack], means: dict[str, Measured], spec_of: Callable[[str], ImuSpec]
+    flight: Flight, tracks: Sequence[ImuTrack], means: Mapping[str, Measured], spec_of: Callable[[str], ImuSpec]
 ) -> Iterator[Check]:
-    alone: list[Check] = []
-    for track in tracks:
-        if (own := means.get(track.source)) is not None:
-            alone += [*_gyro(flight, track, own, spec_of(track.source)), *_accelerometer(flight, track, own)]
-    yield from _of_which_leans(alone)
     known = [(track, means[track.source]) for track in tracks if track.source in means]
-    for i, (track, own) in enumerate(known):
-        for other_track, other in known[i + 1 :]:
-            pair = f"{track.source}, {other_track.source}"
-            for sensor, limit in (("gyro", healthy.USUAL_BIAS["gyro"]), ("accel", _accel_limit())):
-                apart = getattr(own, f"{sensor}_mean") - getattr(other, f"{sensor}_mean")
-                sigma = np.hypot(getattr(own, f"{sensor}_sigma"), getattr(other, f"{sensor}_sigma"))
-                unit = "rad/s" if sensor == "gyro" else "m/s²"
-                text, theirs = _consistency(flight, sensor)
-                size, known_to = float(length(apart)), float(length(sigma))
-                made = judged(f"{sensor}_difference", pair, size, known_to, limit * math.sqrt(2.0), unit)
-                yield replace(made, autopilot=text, autopilot_limit=theirs)
+    alone: list[Check] = []
+    for track, own in known:
+        alone += [*_gyro(flight, track, own, spec_of(track.source)), *_accelerometer(flight, track, own)]
+    yield from _of_which_leans(alone)
+    for (track, own), (other_track, other) in combinations(known, 2):
+        for sensor, limit in (("gyro", healthy.USUAL_BIAS["gyro"]), ("accel", _accel_limit())):
+            size = float(length(own.mean[sensor] - other.mean[sensor]))
+            sigma = float(length(np.hypot(own.sigma[sensor], other.sigma[sensor])))
+            pair, name = f"{track.source}, {other_track.source}", f"{sensor}_difference"
+            yield _judged(flight, name, pair, size, sigma, limit * math.sqrt(2.0), _UNITS[sensor])
 
 
 def _of_which_leans(checks: Sequence[Check]) -> Iterator[Check]:
@@ -194,44 +281,37 @@ def _accel_limit() -> float:
 
 
 def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iterator[Check]:
-    """Bias less what the estimator has learned of it, how it drifts, noise against the part."""
-    believed = _believed(flight, track, own)
-    bias = own.gyro_mean - believed
-    made = judged(
-        "gyro_bias", track.source, float(np.abs(bias).max()), float(own.gyro_sigma.max()), healthy.USUAL_BIAS["gyro"],
-        "rad/s",
-    )  # fmt: skip
+    """Bias less what the estimator has learned of it, how it drifts, noise of both sensors against the part."""
+    source, usual, believed = track.source, healthy.USUAL_BIAS["gyro"], _believed(flight, track, own)
+    bias, sigma = np.abs(own.mean["gyro"] - believed).max(), own.sigma["gyro"].max()
+    made = _judged(flight, "gyro_bias", source, float(bias), float(sigma), usual, "rad/s")
     if believed.any():
         learned = f"the estimator takes {length(believed) * 1e3:.1f} mrad/s off already"
-        made = replace(made, note=learned, uncorrected=float(np.abs(own.gyro_mean).max()))
-    yield replace(made, autopilot="Gyros not calibrated" if _ardupilot(flight) else "High Gyro Bias")
+        made = replace(made, note=learned, uncorrected=float(np.abs(own.mean["gyro"]).max()))
+    yield made
     if own.t[-1] - own.t[0] >= check.WARMING_TOLD_S:
-        slope, sigma = _slope(own.t, own.gyro)
-        within = harm.WARMING_S * np.array([slope, sigma])
-        limit = healthy.USUAL_BIAS["gyro"]
-        if num.SIGMAS * within[1] < limit:  # else the stretch is too short
-            yield judged("gyro_warming", track.source, float(within[0]), float(within[1]), limit, "rad/s")
-    for sensor, readings in (("gyro", own.gyro), ("accel", own.accel)):
-        step = getattr(track, f"{sensor}_step")
-        same = unchanged(readings).all(axis=0) & (step == 0.0)
+        warms, sigma = (harm.WARMING_S * np.array(_slope(own.t, own.readings["gyro"]))).tolist()
+        if num.SIGMAS * sigma < usual:  # else the stretch is too short
+            yield _judged(flight, "gyro_warming", source, warms, sigma, usual, "rad/s")
+    for sensor, readings in own.readings.items():
+        _, step = read_by(track, sensor)
+        same = np.asarray(unchanged(readings).all(axis=0) & (step == 0.0))
         if same.any():
             axes = " and ".join(name for name, stands in zip("xyz", same, strict=True) if stands)
             note = f"{'it' if same.all() else axes} reads the same"
-            yield Check(f"{sensor}_frozen", track.source, 0.0, 0.0, 0.0, "", "no_go", 1.0, note=note)
+            yield Check(f"{sensor}_frozen", source, 0.0, 0.0, 0.0, "", "no_go", 1.0, note=note)
             continue
         rate = (len(own.t) - 1) / (own.t[-1] - own.t[0])
         power = power_at_rest(readings, step, rate, num.REST_READ_MIN_SAMPLES)
         if power is not None and track.rate_hz >= num.NOISE_RATE_HZ:
             noise, limit = math.sqrt(power), healthy.NOISE_OVER_DATA_SHEET * getattr(spec, sensor).noise_density
-            unit = "rad/s/√Hz" if sensor == "gyro" else "m/s²/√Hz"
-            yield judged(f"{sensor}_noise", track.source, noise, noise / math.sqrt(2.0 * len(readings)), limit, unit)
+            known_to = noise / math.sqrt(2.0 * len(readings))
+            yield _judged(flight, f"{sensor}_noise", source, noise, known_to, limit, f"{_UNITS[sensor]}/√Hz")
 
 
 def _believed(flight: Flight, track: ImuTrack, own: Measured) -> Array:
     """(3,) rad/s that an estimator takes off this gyro at the end of the stretch; zero where it is not known."""
-    if track.bias_removed:
-        return np.zeros(3)
-    for one in flight.biases:
+    for one in () if track.bias_removed else flight.biases:
         known = (one.t <= own.t[-1]) & np.isfinite(one.gyro).all(axis=1)
         if one.imu_instance == track.instance and known.any():
             return np.asarray(one.gyro[known][-1])
@@ -243,7 +323,7 @@ def _slope(t: Array, readings: Array) -> tuple[float, float]:
     block = ((t - t[0]) / num.AVERAGED_S).astype(np.intp)
     count = np.bincount(block)
     full = count >= max(1, int(np.median(count)) // 2)
-    means = np.column_stack([np.bincount(block, column) for column in readings.T])[full] / count[full, None]
+    means = block_means(block, readings)[full]
     at = np.flatnonzero(full) * num.AVERAGED_S
     at = at - at.mean()
     slope = (at[:, None] * means).sum(axis=0) / (at**2).sum()
@@ -255,35 +335,127 @@ def _slope(t: Array, readings: Array) -> tuple[float, float]:
 
 def _accelerometer(flight: Flight, track: ImuTrack, own: Measured) -> Iterator[Check]:
     """Size against gravity, direction against the autopilot's attitude."""
-    size = float(length(own.accel_mean))
-    sigma = float(np.hypot(length(own.accel_sigma), healthy.LOCAL_GRAVITY / num.SIGMAS))
-    text = "Accels not calibrated" if _ardupilot(flight) else "High Accelerometer Bias"
-    made = judged("accel_size", track.source, abs(size - STANDARD_GRAVITY), sigma, _accel_limit(), "m/s²")
-    yield replace(made, autopilot=text, note=f"reads {size:.2f} m/s² at rest")
-    attitude = flight.attitude
+    mean, spread, attitude = own.mean["accel"], float(length(own.sigma["accel"])), flight.attitude
+    size, sigma = float(length(mean)), float(np.hypot(spread, healthy.LOCAL_GRAVITY / num.SIGMAS))
+    off, note = abs(size - STANDARD_GRAVITY), f"reads {size:.2f} m/s² at rest"
+    yield _judged(flight, "accel_size", track.source, off, sigma, _accel_limit(), "m/s²", note)
     if attitude is None or not (near := (attitude.t >= own.t[0]) & (attitude.t <= own.t[-1])).any():
         return
     down = quaternion.rotate(quaternion.conjugate(attitude.q_ned_frd[near]), np.tile([0.0, 0.0, -1.0], (near.sum(), 1)))
     newest = down[-max(1, len(down) // 4) :].mean(axis=0)
-    angle = float(np.arccos(np.clip(newest @ own.accel_mean / (length(newest) * size), -1.0, 1.0)))
-    tilted = float(length(own.accel_sigma)) / max(size, 1.0)
-    made = judged("accel_direction", track.source, angle, float(np.hypot(tilted, healthy.AP_MIN_SIGMA)),
-                  harm.AP_ERROR["tilt"], "rad")  # fmt: skip
-    yield replace(made, autopilot="Roll/Pitch inconsistent" if _ardupilot(flight) else "EKF attitude")
+    angle, tilted = _angle(newest, mean), float(np.hypot(spread / max(size, 1.0), healthy.AP_MIN_SIGMA))
+    yield _judged(flight, "accel_direction", track.source, angle, tilted, harm.AP_ERROR["tilt"], "rad")
 
 
-def _consistency(flight: Flight, sensor: str) -> tuple[str, float]:
-    """The autopilot's own check of two IMUs and its limit: ArduPilot `AP_Arming.cpp`, PX4 `imuConsistencyCheck.cpp`."""
-    if _ardupilot(flight):
-        if sensor == "gyro":
-            return "Gyros inconsistent", check.PREARM_ARDUPILOT["gyro"]
-        return "Accels inconsistent", flight.parameters.get("ARMING_ACCTHRESH", check.PREARM_ARDUPILOT["accel"])
-    name = "COM_ARM_IMU_GYR" if sensor == "gyro" else "COM_ARM_IMU_ACC"
-    return name, flight.parameters.get(name, check.PREARM_PX4[sensor])
+def _angle(a: Array, b: Array) -> float:
+    """Between two vectors (3,), rad."""
+    return float(np.arccos(np.clip(a @ b / (length(a) * length(b)), -1.0, 1.0)))
 
 
-def _ardupilot(flight: Flight) -> bool:
-    return flight.vehicle.autopilot == "ARDUPILOTMEGA"
+def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> Iterator[Check]:
+    """Each compass: strength, inclination and heading against the world model, and each against the others."""
+    iron = healthy.USUAL_IRON / num.MICROTESLA
+    fields = [(one, *_mean(one, standing)) for one in flight.compasses if standing.covers(one.t).sum() >= 2]
+    earth = field_at(flight.origin, flight.epoch)
+    calibrated = [(one, field, sigma) for one, field, sigma in fields if one.calibrated]
+    headings = [] if earth is None else [*_headings(flight, standing, calibrated, earth.ned)]
+    for one, field, sigma in calibrated:
+        if earth is None:
+            break
+        size, expected = float(length(field)), float(length(earth.ned))
+        known_to, note = float(np.hypot(sigma, earth.sigma[0])), f"{size * 1e6:.1f} µT, {expected * 1e6:.1f} expected"
+        yield _judged(flight, "compass_field", one.source, abs(size - expected), known_to, iron, "T", note)
+        if imu is not None:  # against gravity as the accelerometer feels it
+            down = -imu.mean["accel"] / length(imu.mean["accel"])
+            dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
+            usual, limit = (
+                float(np.arctan2(earth.ned[2], length(earth.ned[:2]))),
+                float(np.arcsin(iron / max(size, iron))),
+            )
+            note = f"{np.degrees(dip):.1f}°, {np.degrees(usual):.1f}° expected"
+            off, anomaly = abs(dip - usual), healthy.FIELD_ANOMALY
+            yield _judged(flight, "compass_inclination", one.source, off, anomaly, limit, "rad", note)
+        yield from (made for made in headings if made.sensor == one.source)
+    yield from (made for made in headings if made.sensor not in {one.source for one, *_ in fields})
+    for (one, field, sigma), (other, other_field, other_sigma) in combinations(calibrated, 2):
+        least = min(float(length(field)), float(length(other_field)))
+        limit = 2.0 * float(np.arcsin(min(iron / max(least, 1e-12), 1.0)))
+        known_to = float(np.hypot(sigma / length(field), other_sigma / length(other_field)))
+        pair, angle = f"{one.source}, {other.source}", _angle(field, other_field)
+        yield _judged(flight, "compass_difference", pair, angle, known_to, limit, "rad")
+
+
+def _mean(one: CompassTrack, standing: Standing) -> tuple[Array, float]:
+    """Mean field (3,) and the 1σ of it, T: of readings that follow one another, noise may last for seconds."""
+    field = one.field[standing.covers(one.t)]
+    return field.mean(axis=0), float(length(field.std(axis=0)) / np.sqrt(max(standing.end - standing.start, 1.0)))
+
+
+def _headings(
+    flight: Flight, standing: Standing, fields: Sequence[tuple[CompassTrack, Array, float]], earth: Array
+) -> Iterator[Check]:
+    """Each compass against the autopilot's heading; or, where more than half of three or more agree against that, both
+    against theirs: the autopilot then follows the one that is wrong."""
+    attitude = flight.attitude
+    if attitude is None or not fields or not (near := standing.covers(attitude.t)).any():
+        return
+    q = attitude.q_ned_frd[near][-1]
+    ned = quaternion.rotate(np.broadcast_to(q, (len(fields), 4)), np.array([field for _, field, _ in fields]))
+    turns = wrapped(np.arctan2(ned[:, 1], ned[:, 0]) - np.arctan2(earth[1], earth[0]))
+    limit = float(np.arcsin(min(healthy.USUAL_IRON / num.MICROTESLA / max(float(length(earth[:2])), 1e-9), 1.0)))
+    limit = min(limit, harm.COMPASS_HEADING_RAD)
+    alike = np.abs(wrapped(turns[:, None] - turns)) < limit
+    most = int(np.argmax(alike.sum(axis=1)))
+    sources = [one.source for one, *_ in fields]
+    if len(fields) > 2 and 2 * alike[most].sum() > len(fields) and abs(turns[most]) > limit:
+        sources, turns = [*sources, attitude.source], wrapped(np.append(turns, 0.0) - turns[most])
+    for source, turn in zip(sources, np.abs(turns).tolist(), strict=True):
+        yield _judged(flight, "compass_heading", source, turn, healthy.MAGNETIC_HEADING_RAD, limit, "rad")
+
+
+def barometer_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
+    """How far each wanders, and whether it is as warm as it is made for."""
+    low, high = healthy.BAROMETER_DEGC
+    for one in flight.barometers:
+        inside = standing.covers(one.t) & np.isfinite(one.altitude)
+        if inside.sum() < num.REST_READ_MIN_SAMPLES:
+            continue
+        parts, celsius = np.array_split(one.altitude[inside], 4), one.temperature[inside]
+        wander, sigma = float(np.ptp([part.mean() for part in parts])), float(parts[0].std() / np.sqrt(len(parts[0])))
+        limit = healthy.AP_SIGMA["height"]
+        yield _judged(flight, "barometer_wander", one.source, wander, max(sigma, 1e-3), limit, "m")
+        if np.isfinite(celsius).any():
+            middle, note = float(np.nanmedian(celsius)), f" °C, made for {low:.0f} to {high:.0f}"
+            beyond, limit = abs(middle - 0.5 * (low + high)), 0.5 * (high - low)
+            yield _judged(flight, "barometer_temperature", one.source, beyond, 1.0, limit, "°C", f"{middle:.0f}{note}")
+
+
+def gps_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
+    """Each receiver: satellites, its own accuracies, a speed that is none, how far the position wanders."""
+    for one in flight.gps:
+        inside = standing.covers(one.t)
+        newest = np.flatnonzero(inside)[-max(1, int(inside.sum()) // 4) :]
+        if not len(newest):
+            continue
+        yield from _receiver(flight, one, newest)
+        fixed = newest[one.fix_type[newest] >= check.FIX_3D]
+        speed = length(one.velocity[fixed, :2])
+        if np.isfinite(speed).any():
+            sigma = float(np.nanmedian(one.speed_sigma[fixed])) if np.isfinite(one.speed_sigma[fixed]).any() else 0.1
+            moves, note = float(np.nanmedian(speed)), "while it stands"
+            yield _judged(flight, "gps_speed", one.source, moves, min(sigma, 0.1), healthy.REST_MPS, "m/s", note)
+
+
+def _receiver(flight: Flight, one: GpsTrack, newest: IntArray) -> Iterator[Check]:
+    fix, satellites = float(np.median(one.fix_type[newest])), float(np.nanmedian(one.satellites[newest]))
+    yield _judged(flight, "gps_fix", one.source, check.FIX_3D - fix, 0.1, 0.5, "", f"fix type {fix:.0f}")
+    lacking, note = harm.GPS_SATELLITES - satellites, f"{satellites:.0f} satellites, {harm.GPS_SATELLITES} needed"
+    yield _judged(flight, "gps_satellites", one.source, lacking, 0.1, 0.5, "", note)
+    for name, limit in harm.GPS_POOR.items():
+        values = getattr(one, name)[newest]
+        if np.isfinite(values).any():
+            size, unit = float(np.nanmedian(values)), "m/s" if name.startswith("speed") else "m"
+            yield _judged(flight, f"gps_{name}", one.source, size, 0.05 * limit, limit, unit)
 
 
 @dataclass(frozen=True, slots=True)

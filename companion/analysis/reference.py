@@ -43,6 +43,12 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
 
 
+def block_means(block: IntArray, values: Array) -> Array:
+    """(B, n) means of values (N, n) over the blocks (N,) that they are in; zero of one without any."""
+    sums = np.column_stack([np.bincount(block, column) for column in values.T])
+    return np.asarray(sums / np.maximum(np.bincount(block), 1)[:, None])
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over.

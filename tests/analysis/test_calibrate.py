@@ -17,9 +17,9 @@ from companion.analysis import (
     ReferenceSpec,
     calibrate,
     compare,
-    drift_of,
 )
 from companion.analysis.calibrate import Known
+from companion.analysis.drift import drift_of
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds

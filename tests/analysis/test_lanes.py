@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from companion.analysis import Cause, Finding, Lanes, judge_lanes
-from companion.analysis.lane_errors import compare_lanes, healthy_bound, nearer_probability
+from companion.analysis.lanes import compare_lanes, healthy_bound, nearer_probability
 from companion.constants import healthy
 from companion.estimation import BestEstimate
 from companion.model import Array, EstimatorLane, EstimatorReset, Flight, SensorInUse, interpolated

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import GENERIC, NAMES, PARTS, Correction, compare, drift_of, known_from, windows
+from companion.analysis import GENERIC, NAMES, PARTS, Correction, compare, known_from, windows
 from companion.analysis.calibrate import _to_figures
 from companion.analysis.constant_faults import beside_best
+from companion.analysis.drift import drift_of
 from companion.estimation import smooth
 from companion.model import ImuTrack
 from tests.estimation.sensed import BIASES, sensed, with_imu

@@ -20,7 +20,8 @@ import pytest
 from mcap.reader import make_reader
 
 import companion as c
-from companion.analysis import PoseError, Spread, ape, rpe
+from companion.analysis import PoseError, ape, rpe
+from companion.analysis.pose_error import Spread
 from companion.cli import main
 from companion.export import FORMATS
 from companion.export.mcap import layout

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from companion.analysis import Check, LaneError, LaneInSpan, Lanes, LaneSpan, Preflight
-from companion.analysis.lane_errors import Compared
+from companion.analysis.lanes import Compared
 from companion.estimation import Correlation
 from companion.estimation.block_tridiagonal import Factor
 from companion.view import FlightChecks
