@@ -31,7 +31,7 @@ from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
-from companion.analysis.incident import Incident, Output, ProbableCause, imus_within, incident, window
+from companion.analysis.incident import Incident, Output, ProbableCause, imus_within, incident
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lanes import FLOWN, LaneError, LaneInSpan, Lanes, LaneSpan, LaneSwitch, judge_lanes, known_share
 from companion.analysis.noise import (
@@ -47,7 +47,7 @@ from companion.analysis.noise import (
 from companion.analysis.phases import AIRBORNE_REPORTS, phases
 from companion.analysis.pose_error import Expectation, PoseError, ape, expected_by_age, expected_since_anchor, rpe
 from companion.analysis.preflight import Ageing, Check, Preflight, ageing, preflight
-from companion.analysis.reference import Limits, Reference, reference_at
+from companion.analysis.reference import Limits, Reference, reference_at, window
 from companion.analysis.replay import Continued, FreeRun, FreeState, Replay, extend, replay, replay_from_rest
 from companion.analysis.standing import StandingFault, believable, carried_on, standing_verdict
 from companion.analysis.verdict import Alarm, Band, FlightVerdict, LiveVerdict, State, Verdict

@@ -19,9 +19,9 @@ import numpy as np
 
 from companion.analysis.budget import persistent_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import run_edges
+from companion.analysis.finding import ends_of, runs
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.reference import BoolArray, IntArray, attitude_error, length, wrapped
+from companion.analysis.reference import BoolArray, IntArray, attitude_error, length, within, wrapped
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, propagate, quaternion
@@ -79,11 +79,9 @@ def why_none(flight: Flight, track: ImuTrack, imu: ImuSpec) -> str:
     if blocks is None:
         return f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s"
     i = int(np.argmin(blocks.gyro_spread / np.median(blocks.gyro_spread + 1e-12) + length(blocks.gyro)))
-    moment = (
-        f"the quietest moment, at {blocks.t[i]:.1f} s, turns by {length(blocks.gyro[i]) * 1e3:.1f} mrad/s "
-        f"(spread {blocks.gyro_spread[i] * 1e3:.1f}) and feels {length(blocks.accel[i]):.2f} m/s² "
-        f"(spread {blocks.accel_spread[i]:.3f})"
-    )
+    turns = f"turns by {length(blocks.gyro[i]) * 1e3:.1f} mrad/s (spread {blocks.gyro_spread[i] * 1e3:.1f})"
+    feels = f"feels {length(blocks.accel[i]):.2f} m/s² (spread {blocks.accel_spread[i]:.3f})"
+    moment = f"the quietest moment, at {blocks.t[i]:.1f} s, {turns} and {feels}"
     quiet, possible = _quiet(blocks, track, imu), _possible(flight, blocks)
     if quiet.any() and not (quiet & possible).any():
         return moment + "; the vehicle was moving or in the air whenever its IMU was quiet"
@@ -153,25 +151,24 @@ def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[t
     ):
         noise = 6.0 * np.maximum(spread[:-1], spread[1:]) / np.sqrt(blocks.size)
         same &= np.abs(np.diff(mean, axis=0)).max(axis=1) < noise + 1.1 * step + little
-    first, last = run_edges(np.asarray(same))
-    for i, j in zip(first.tolist(), (last + 1).tolist(), strict=True):
-        if blocks.t[j + 1] - blocks.t[i] >= check.REST_MIN_S:
-            yield i, j
+    for first, last in runs(np.asarray(same)):
+        if blocks.t[last + 2] - blocks.t[first] >= check.REST_MIN_S:
+            yield first, last + 1
 
 
 def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuSpec, first: int, last: int) -> Rest:
     part = slice(int(blocks.edges[first]), int(blocks.edges[last + 1]))
     gyro, accel = track.gyro[part], track.accel[part]
-    span = float(track.t[part.stop - 1] - track.t[part.start])
+    start, end = ends_of(track.t[part])
     gyro_noise = _density(gyro, track.gyro_step, track.rate_hz)
     density = imu.gyro.noise_density if gyro_noise is None else gyro_noise
     return Rest(
         first=part.start,
         last=part.stop - 1,
-        start_s=float(track.t[part.start]),
-        end_s=float(track.t[part.stop - 1]),
+        start_s=start,
+        end_s=end,
         gyro=gyro.mean(axis=0),
-        gyro_sigma=np.sqrt(density**2 / span + persistent_step_error(gyro, track.gyro_step) ** 2),
+        gyro_sigma=np.sqrt(density**2 / (end - start) + persistent_step_error(gyro, track.gyro_step) ** 2),
         accel=accel.mean(axis=0),
         gyro_noise=gyro_noise,
         accel_noise=_density(accel, track.accel_step, track.rate_hz),
@@ -241,15 +238,13 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     track = comparison.track
     at_rest = rests(flight, track, imu)
     if not at_rest:
-        raise DataError(
-            f"vehicle {flight.vehicle}, boot {flight.boot}: no rest of three seconds to align {track.source} in: "
-            f"{why_none(flight, track, imu)}. Use --anchor autopilot, or a log that begins before take-off."
-        )
-    rest = at_rest[0]
-    notes: list[str] = []
+        why = f"no rest of three seconds to align {track.source} in: {why_none(flight, track, imu)}"
+        remedy = "Use --anchor autopilot, or a log that begins before take-off."
+        raise DataError(f"vehicle {flight.vehicle}, boot {flight.boot}: {why}. {remedy}")
+    rest, notes = at_rest[0], list[str]()
     f = rest.accel
-    roll, pitch = np.arctan2(-f[1], -f[2]), np.arctan2(f[0], np.hypot(f[1], f[2]))
-    level = quaternion.from_euler(float(roll), float(pitch), 0.0)
+    roll, pitch = float(np.arctan2(-f[1], -f[2])), float(np.arctan2(f[0], np.hypot(f[1], f[2])))
+    level = quaternion.from_euler(roll, pitch, 0.0)
     steps = persistent_step_error(rest.of(track).accel, track.accel_step)
     gravity = comparison.how.gravity
     tilt_sigma = float(np.hypot(imu.accel.residual_bias, steps[:2].max()) / gravity)
@@ -273,21 +268,11 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     apart = None
     if magnetic is not None and yaw_reference is not None:
         apart = float(wrapped(np.array(magnetic - yaw_reference)))
-    aligned = Alignment(
-        rest=rest,
-        q_ned_frd=quaternion.from_euler(float(roll), float(pitch), float(yaw)),
-        heading_from=source,
-        tilt_sigma=tilt_sigma,
-        heading_sigma=heading_sigma,
-        accel_bias=f * (1.0 - gravity / float(np.linalg.norm(f))),
-        magnetic_rad=magnetic,
-        declination_rad=flight.declination,
-        magnetic_error_rad=apart,
-        later=(),
-        notes=tuple(notes),
-    )
+    q, bias = quaternion.from_euler(roll, pitch, float(yaw)), f * (1.0 - gravity / float(np.linalg.norm(f)))
+    known = magnetic, apart, flight.declination
+    aligned = Alignment(rest, q, source, tilt_sigma, heading_sigma, bias, *known, later=(), notes=())
     later, cut = _later(aligned, comparison, imu, autopilot)
-    return replace(aligned, later=later, notes=(*aligned.notes, *cut))
+    return replace(aligned, later=later, notes=(*notes, *cut))
 
 
 def _magnetic_heading(flight: Flight, rest: Rest, level: Array) -> float | None:
@@ -295,7 +280,7 @@ def _magnetic_heading(flight: Flight, rest: Rest, level: Array) -> float | None:
     field = flight.series.get("magnetometer")
     if field is None:
         return None
-    values = field.values[(field.t >= rest.start_s) & (field.t <= rest.end_s)]
+    values = field.values[within(field.t, (rest.start_s, rest.end_s))]
     values = values[np.isfinite(values).all(axis=1)]
     if not len(values) or not values.any():
         return None

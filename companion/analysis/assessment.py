@@ -222,8 +222,7 @@ def assess(
 
 def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
     """What the flight could have shown; t: of the IMU that was judged (N,), all of which an estimate may not cover."""
-    could = sensitivity(made)
-    ends = check.WORTHLESS_S
+    could, ends = sensitivity(made), check.WORTHLESS_S
     if isinstance(made, NoEstimateError) or (made.t[0] < t[0] + ends and made.t[-1] > t[-1] - ends):
         return could
     part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
@@ -234,12 +233,11 @@ def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceS
     """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
     if before is None or after is None:
         return False
-    ends = np.sqrt(2.0 * 3.0)  # both, three axes
-    pairs = (
-        (before.rows[0].attitude_deg, after.rows[0].attitude_deg, np.degrees(autopilot.attitude_noise) * ends),
-        (before.rows[0].position_m, after.rows[0].position_m, autopilot.position * ends),
-    )
-    return any(b is not None and a is not None and a.median > max(2 * b.median, least) for b, a, least in pairs)
+    first, then, ends = before.rows[0], after.rows[0], np.sqrt(2.0 * 3.0)  # both ends, three axes
+    turned = first.attitude_deg, then.attitude_deg, np.degrees(autopilot.attitude_noise) * ends
+    moved = first.position_m, then.position_m, autopilot.position * ends
+    pairs = ((b, a, least) for b, a, least in (turned, moved) if b is not None and a is not None)
+    return any(a.median > max(2 * b.median, least) for b, a, least in pairs)
 
 
 _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
@@ -281,11 +279,9 @@ def _best(
     found_missing = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
     turned_itself = any(f.kind == "axes_wrong" for f in faults)
     righted, turned = (flight, []) if found_missing or turned_itself else righted_compasses(flight, best, again)
-    if found_missing := [*found_missing, *turned]:
-        best_so, more = _best(
-            righted, comparison, [*faults, *found_missing], uncontrolled, before, estimate, differ=differ
-        )
-        return best_so, [*found_missing, *more]
+    if new := [*found_missing, *turned]:
+        best_so, more = _best(righted, comparison, [*faults, *new], uncontrolled, before, estimate, differ=differ)
+        return best_so, [*new, *more]
     if not differ or "gps_position" not in best.residuals or turned_itself:
         return best, []
     other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
@@ -314,12 +310,10 @@ def in_flight(imu_spec: ImuSpec, best: BestEstimate) -> ImuSpec:
         residual = shared * float(np.hypot(unknown, warms))
         return replace(part, noise_density=max(part.noise_density, noise), residual_bias=residual)
 
-    noise, lasting = best.noise, best.correlated
-    return replace(
-        imu_spec,
-        gyro=left(imu_spec.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, healthy.WARMING_BIAS[0]),
-        accel=left(imu_spec.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, healthy.WARMING_BIAS[1]),
-    )
+    noise, lasting, warms = best.noise, best.correlated, healthy.WARMING_BIAS
+    gyro = left(imu_spec.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, warms[0])
+    accel = left(imu_spec.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, warms[1])
+    return replace(imu_spec, gyro=gyro, accel=accel)
 
 
 def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:

@@ -34,7 +34,7 @@ from companion.analysis.fault_interval import (
     rival,
     turn_of_compass,
 )
-from companion.analysis.finding import Finding, Severity, Side
+from companion.analysis.finding import Finding, Severity, Side, ends_of
 from companion.constants import check, harm, num, priors
 from companion.estimation import (
     HEIGHTS,
@@ -110,10 +110,10 @@ def findings_of(
     """
     may = tuple(e for e in all_intervals if e.device != "imu" or _in_use(e, best, in_use))
     caused = [(d, _cause_among(d, may, best)) for d in deviations]
-    by_interval = [_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals]
+    by_interval = (_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals)
     own = [d for d, cause in caused if cause is None and d.may_be_error]
     imu_agrees_from = min((d.start for d in own if d.imu_confirms), default=np.inf)
-    return [finding for finding in by_interval if finding is not None] + [_own(d, best, imu_agrees_from) for d in own]
+    return [*filter(None, by_interval), *(_own(d, best, imu_agrees_from) for d in own)]
 
 
 def _of_interval(
@@ -157,10 +157,8 @@ def _of_interval(
     if doubt is not None and doubt.rival == "cause" and no_fault and harmed:
         shown_kind = f"{consequences[0].quantity}_off"
         side, severity, headline = "data", "warning", ""
-        evidence = (
-            f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it: "
-            f"{described(interval, best)} is one with {percent(1.0 - nobody)}"
-        )
+        off = f"the autopilot is off by {', '.join(misled)}, and no sensor's fault is known for it"
+        evidence = f"{off}: {described(interval, best)} is one with {percent(1.0 - nobody)}"
     elif doubt is not None:
         side, severity, headline = "data", "warning", ""
         evidence = f"{'perhaps ' if doubt.would_tell else ''}{evidence}; {doubt.why}"
@@ -169,12 +167,10 @@ def _of_interval(
     elif (next_best := rival(interval)) is not None:
         sure, (kind, share) = likelihoods(interval)[interval.device], next_best
         evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
-    end = min(interval.end, float(best.t[-1]))
+    start, end = interval.start, min(interval.end, float(best.t[-1]))
     cause = cause_of(interval, best, side, misled) if doubt is None else None
     advice = (doubt and doubt.would_tell) or hypothesis_of(interval.kind).advice
-    return Finding(
-        shown_kind, side, severity, interval.start, end, evidence, advice, headline, cause, undecided=undecided
-    )
+    return Finding(shown_kind, side, severity, start, end, evidence, advice, headline, cause, undecided=undecided)
 
 
 def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEstimate) -> Doubt | None:
@@ -237,12 +233,9 @@ def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
     size, sigma, _ = reported_size(interval, best)
     what = f"compass and IMU are turned against each other by {np.degrees(size):.0f} ± {np.degrees(sigma):.0f}°"
     evidence = f"{what} since the start of the log; which of them sits so, or is set so, cannot be told"
-    advice = (
-        "Compare the orientation settings with the vehicle: COMPASS_ORIENT and AHRS_ORIENTATION, or CAL_MAG0_ROT and "
-        "SENS_BOARD_ROT."
-    )
-    begin, end = float(best.t[0]), float(best.t[-1])
-    return Finding(interval.kind, "data", "warning", begin, end, evidence, advice, undecided=True)
+    settings = "COMPASS_ORIENT and AHRS_ORIENTATION, or CAL_MAG0_ROT and SENS_BOARD_ROT"
+    advice = f"Compare the orientation settings with the vehicle: {settings}."
+    return Finding(interval.kind, "data", "warning", *ends_of(best.t), evidence, advice, undecided=True)
 
 
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
@@ -287,18 +280,10 @@ def _imu_or_aiding(kind: str) -> str:
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
-_CONTRADICTED = Doubt(
-    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong",
-    _FASTER,
-)
-_NOT_CONVERGED = Doubt(
-    "the best estimate has not converged: no trajectory was found that fits the sensors best", _ANOTHER
-)
-
-
-def _either(why: str, would_tell: str) -> Doubt:
-    """Where nothing but how often they fail tells the estimator from the IMU."""
-    return Doubt(f"{why} it cannot be told which of the two is wrong", would_tell, "IMU")
+_NOISY = "the IMU fits the other sensors only with far more noise than it shows"
+_CONTRADICTED = Doubt(f"{_NOISY}: it cannot be told which of them is wrong", _FASTER)
+_UNFITTED = "the best estimate has not converged: no trajectory was found that fits the sensors best"
+_NOT_CONVERGED = Doubt(_UNFITTED, _ANOTHER)
 
 
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
@@ -306,18 +291,18 @@ _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an 
 
 def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> Iterator[Doubt]:
     """Why a deviation does not accuse the autopilot, the weightiest first; none where it does."""
+    either, by_gyro = "it cannot be told which of the two is wrong", deviation.quantity not in _MEASURED
     if not best.converged:
         yield _NOT_CONVERGED
     if "gps_position" not in best.residuals:
-        yield _either("without GPS", _WITNESS)
+        yield Doubt(f"without GPS {either}", _WITNESS, "IMU")
     if best.contradicted:
         yield _CONTRADICTED
-    by_gyro = deviation.quantity not in _MEASURED
     if best.noise.gyro_wanders and by_gyro:
         wanders = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)
-        yield _either(f"the gyro's bias wanders by {wanders:.1f} mrad/s in a minute (1σ):", _FASTER)
+        yield Doubt(f"the gyro's bias wanders by {wanders:.1f} mrad/s in a minute (1σ): {either}", _FASTER, "IMU")
     if deviation.start >= imu_agrees_from:
-        yield _either("the IMU moved as the autopilot says:", _ANOTHER)
+        yield Doubt(f"the IMU moved as the autopilot says: {either}", _ANOTHER, "IMU")
     faults = (one.kind.split("_")[0] for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     if by_gyro and (sensor := next((SENSOR_WORDS[one] for one in faults if one in SENSOR_WORDS), "")):
         why = f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"
@@ -329,12 +314,9 @@ def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: 
 
 def possible_error(deviation: EstimatorDeviation) -> Finding:
     """A deviation that would do harm, and may as well be chance."""
-    kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
-    evidence = (
-        f"autopilot and IMU differ by {deviation}, which may be chance "
-        f"(an error of the estimator: {percent(deviation.probability)})"
-    )
-    return Finding(kind, "data", "info", start, end, evidence, "", cause=deviation.cause)
+    own, chance = deviation.cause, f"an error of the estimator: {percent(deviation.probability)}"
+    evidence = f"autopilot and IMU differ by {deviation}, which may be chance ({chance})"
+    return Finding(own.kind, "data", "info", deviation.start, deviation.end, evidence, "", cause=own)
 
 
 def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> Finding:
@@ -346,18 +328,16 @@ def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: flo
     both may be off by, it is said and accuses nobody.
     """
     doubt = next(_doubts(deviation, best, imu_agrees_from), None)
-    kind, start, end = f"{deviation.quantity}_off", deviation.start, deviation.end
+    own, start, end = deviation.cause, deviation.start, deviation.end
     if doubt is not None:
-        evidence, cause = f"autopilot and IMU differ by {deviation}; {doubt.why}", None
-        if doubt.rival == "chance":
-            cause = deviation.cause
-        elif doubt.rival == "IMU":
-            own, (sure, rival) = deviation.cause, deviation.or_imu
+        evidence, cause = f"autopilot and IMU differ by {deviation}; {doubt.why}", own if doubt.rival else None
+        if doubt.rival == "IMU":
+            sure, rival = deviation.or_imu
             cause = replace(own, probability=sure, side_probability=sure, rival="gyro_bias", rival_probability=rival)
         advice = doubt.would_tell
-        return Finding(kind, "data", "warning", start, end, evidence, advice, cause=cause, undecided=True)
+        return Finding(own.kind, "data", "warning", start, end, evidence, advice, cause=cause, undecided=True)
     against = "the best estimate of the sensors, which agree with each other"
     evidence = f"its estimate is off by {deviation} against {against}"
     advice = "Look at the estimator's innovations and at its settings; compare with another core or another estimator."
     headline = f"it is off by {deviation} from what all sensors together say, from {start:.1f} to {end:.1f} s"
-    return Finding(kind, "autopilot", "error", start, end, evidence, advice, headline, deviation.cause)
+    return Finding(own.kind, "autopilot", "error", start, end, evidence, advice, headline, own)

@@ -68,14 +68,10 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
     shaken = window_noise(means, track.rate_hz)
     gyro_density = np.maximum(imu.gyro.noise_density, shaken[:, 0])[:, None, None]
     accel_density = np.maximum(imu.accel.noise_density, shaken[:, 1])[:, None, None]
-    gyro_steps, accel_steps = (
-        _step_errors(means[:, SIGN, i], means[:, ZERO, i], step)
-        for i, step in enumerate((track.gyro_step, track.accel_step))
-    )
-    rate = track.rate_hz
+    steps = enumerate((track.gyro_step, track.accel_step))
+    gyro_steps, accel_steps = (_step_errors(means[:, SIGN, i], means[:, ZERO, i], step) for i, step in steps)
     gyro_matrix, accel_matrix = (m.reshape(-1, 9, 9) for m in (growth.gyro_matrix, growth.accel_matrix))
-    scale = np.ravel(np.eye(3))
-    turn = turn_jacobian(growth)
+    rate, scale, turn = track.rate_hz, np.ravel(np.eye(3)), turn_jacobian(growth)
     causes = {
         "gyro_noise": gyro_density**2 * noise["gyro_noise"][:, :9, :9],
         "accel_noise": accel_density**2 * noise["accel_noise"][:, :9, :9],
@@ -205,11 +201,7 @@ class Expected:
 
 
 def expected_over(
-    comparison: Comparison,
-    chosen: Windows,
-    imu_spec: ImuSpec,
-    autopilot: ReferenceSpec,
-    corrected: Comparison | None = None,
+    comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: ReferenceSpec, corrected: Comparison | None = None
 ) -> Expected | None:
     """Over all windows of one length, some at a time: an hour has thousands. None without any.
 
@@ -223,7 +215,7 @@ def expected_over(
     for first in range(0, count, num.WINDOWS_AT_ONCE):
         part = slice(first, first + num.WINDOWS_AT_ONCE)
         some = replace(chosen, start=chosen.start[part], end=chosen.end[part])
-        allowed = budget(comparison, some, imu_spec, autopilot)
+        allowed = budget(comparison, some, imu, autopilot)
         error, total = allowed.error if corrected is None else stacked(corrected, some), allowed.total
         for name, block in blocks.items():
             sigma[name][part] = allowed.sigma(block)
@@ -231,13 +223,9 @@ def expected_over(
             for cause, own in allowed.power(block).items():
                 power[name][cause] = power[name].get(cause, 0.0) + own
     typical = {name: float(np.median(value)) for name, value in sigma.items()}
-    return Expected(
-        attitude_deg=float(np.degrees(typical["attitude"])),
-        velocity_mps=typical.get("velocity"),
-        position_m=typical.get("position"),
-        shares={name: shares_of(own) for name, own in power.items()},
-        inside={name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()},
-    )
+    lengths = float(np.degrees(typical["attitude"])), typical.get("velocity"), typical.get("position")
+    inside = {name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()}
+    return Expected(*lengths, {name: shares_of(own) for name, own in power.items()}, inside)
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,6 +285,4 @@ def while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
             out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
     if not out.any():
         return chosen
-    reasons = {**chosen.excluded, "not_judged": int(out.sum())}
-    kept = ~out
-    return replace(chosen.only(kept), excluded=reasons)
+    return replace(chosen.only(~out), excluded={**chosen.excluded, "not_judged": int(out.sum())})

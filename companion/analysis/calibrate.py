@@ -177,7 +177,9 @@ def calibrate(
             weight, near = np.ones(len(error)), False
         if not near:  # the last step was long: the derivatives are others now
             expected = budget(comparison, chosen, imu, autopilot)
-            jacobian, covariance = _jacobian(expected, comparison, chosen)[:, :size], _rest(expected)[:, :size, :size]
+            jacobian = _jacobian(expected, comparison, chosen)[:, :size]
+            rest = sum(own for name, own in expected.causes.items() if name not in _SOLVED_FOR)
+            covariance = np.asarray(rest)[:, :size, :size]
         step, joint = _solve(error, jacobian, covariance, weight, prior, values)
         normalised = nees(error - jacobian @ step, covariance)
         weight = np.minimum(1.0, chi_square(size, num.Z_95) / np.maximum(normalised, 1e-12))
@@ -215,6 +217,7 @@ def _calibration(
     np.fill_diagonal(alike, 0.0)
     partner = alike[:_COUNT].argmax(axis=1)
     known = (*NAMES, *_PERSISTENT)
+    confounded = ~seen & (alike[np.arange(_COUNT), partner] > num.CONFOUNDED)
     vertical = np.zeros(_COUNT)
     vertical[PARTS["accel_bias"].stop - 1], vertical[PARTS["accel_scale"].stop - 1] = 1.0, STANDARD_GRAVITY
     return Calibration(
@@ -224,9 +227,7 @@ def _calibration(
         observable=tuple(seen.tolist()),
         assumed=tuple(assumed.tolist()),
         assumed_sigma=np.where(assumed, given, sigma),
-        confounded=tuple(
-            known[j] if not seen[i] and alike[i, j] > num.CONFOUNDED else "" for i, j in enumerate(partner.tolist())
-        ),
+        confounded=tuple(known[j] if goes else "" for j, goes in zip(partner, confounded, strict=True)),
         level_force=(float(vertical @ values), float(np.sqrt(vertical @ own @ vertical))),
         from_best=tuple(from_best.tolist()),
         windows=count,
@@ -305,18 +306,11 @@ def lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
     The IMU is at p + C r and moves with v + C (ω x r), but is started from v and p: dead reckoning is of another point.
     """
     track, reference = comparison.track, comparison.reference
-    (c0, swing0), (c1, swing1) = (
-        (c, c @ np.cross(np.eye(3), track.gyro[i][:, None]))  # the rows of [ω]x are e x ω
-        for i in (chosen.start, chosen.end)
-        for c in (quaternion.to_matrix(reference.at(i).q_ned_frd),)
-    )
+    c0, c1 = (quaternion.to_matrix(reference.at(i).q_ned_frd) for i in (chosen.start, chosen.end))
+    turns = ((c0, track.gyro[chosen.start]), (c1, track.gyro[chosen.end]))
+    swing0, swing1 = (c @ np.cross(np.eye(3), rate[:, None]) for c, rate in turns)  # the rows of [ω]x are e x ω
     tau = (track.t[chosen.end] - track.t[chosen.start])[:, None, None]
     return np.concatenate([np.zeros_like(c0), swing0 - swing1, c0 + swing0 * tau - c1], axis=1)
-
-
-def _rest(expected: Budget) -> Array:
-    """(W, 9, 9) covariance of everything that is not solved for."""
-    return np.asarray(sum(c for name, c in expected.causes.items() if name not in _SOLVED_FOR))
 
 
 def _solve(

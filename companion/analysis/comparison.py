@@ -86,10 +86,9 @@ def gravity_for(flight: Flight, model: str | float) -> float:
     if model != "normal":
         raise SettingsError(f'gravity must be "standard", "normal" or a number in m/s², got {model!r}')
     if flight.origin is None:
-        raise DataError(
-            f"vehicle {flight.vehicle}, boot {flight.boot}: no latitude in the log (GLOBAL_POSITION_INT, GPS_RAW_INT, "
-            'GPS_GLOBAL_ORIGIN), which gravity = "normal" needs. Use "standard", or give a number in m/s².'
-        )
+        lacking = "no latitude in the log (GLOBAL_POSITION_INT, GPS_RAW_INT, GPS_GLOBAL_ORIGIN)"
+        remedy = 'which gravity = "normal" needs. Use "standard", or give a number in m/s².'
+        raise DataError(f"vehicle {flight.vehicle}, boot {flight.boot}: {lacking}, {remedy}")
     return float(normal_gravity(flight.origin.latitude, flight.origin.height))
 
 
@@ -283,17 +282,9 @@ def compare(
     """
     track = track or flight.imu(imu)
     attitude, position, limits = flight.require_attitude(), flight.position, how.limits
-    made = Comparison(
-        track=track,
-        attitude=attitude,
-        position=position,
-        reference=reference_at(attitude, position, track.t, limits),
-        how=how,
-        gaps=np.diff(track.t) > limits.longest_step(track.t),
-        attitude_steps=attitude_jumps(attitude, limits),
-        position_steps=position_jumps(position, limits) if position else np.zeros((0, 2)),
-        passes=Passes(track, how),
-    )
+    reference, gaps = reference_at(attitude, position, track.t, limits), np.diff(track.t) > limits.longest_step(track.t)
+    steps = attitude_jumps(attitude, limits), position_jumps(position, limits) if position else np.zeros((0, 2))
+    made = Comparison(track, attitude, position, reference, how, gaps, *steps, Passes(track, how))
     _ = made.path  # a method that there is not is said at once
     return made
 
@@ -312,9 +303,8 @@ def windows(
     """
     check_seconds("horizons", horizon)
     start, end = _grid(comparison, horizon, part)
-    t, inside = comparison.track.t, np.zeros(len(start), np.bool_)
-    for first, last in within:
-        inside |= (t[start] >= first) & (t[end] <= last)
+    t = comparison.track.t
+    inside = np.any([(t[start] >= first) & (t[end] <= last) for first, last in within], axis=0)
     start, end = start[inside], end[inside]
     used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
     return Windows(float(horizon), start[used], end[used], excluded)
@@ -356,16 +346,13 @@ def _usable(
     """Which of the windows have no gap, no unknown end and no jump in them, and how many have which."""
     track, reference = comparison.track, comparison.reference
     running = np.concatenate([[0], np.cumsum(comparison.gaps)])
-    reasons = {
-        "imu_gap": running[end] > running[start],
-        "no_attitude": ~(reference.attitude_known[start] & reference.attitude_known[end]),
-        "attitude_jump": _touched(comparison.attitude_steps, track.t, start, end),
-    }
-    if has_position:
-        reasons |= {
-            "no_position": ~(reference.position_known[start] & reference.position_known[end]),
-            "position_jump": _touched(comparison.position_steps, track.t, start, end),
-        }
+    reasons = {"imu_gap": running[end] > running[start]}
+    for name, known, steps in (
+        ("attitude", reference.attitude_known, comparison.attitude_steps),
+        ("position", reference.position_known, comparison.position_steps),
+    )[: 2 if has_position else 1]:
+        reasons[f"no_{name}"] = ~(known[start] & known[end])
+        reasons[f"{name}_jump"] = _touched(steps, track.t, start, end)
     used = np.ones(len(start), np.bool_)
     excluded: dict[str, int] = {}
     for reason, bad in reasons.items():  # a window with several reasons counts under the first
@@ -382,13 +369,9 @@ def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | No
     q, velocity, position = (path or comparison.path).carry(
         start, end, begin.q_ned_frd, begin.velocity, begin.position, gravity=comparison.how.gravity
     )
-    return WindowErrors(
-        anchor_s=reference.t[start],
-        end_s=reference.t[end],
-        attitude=attitude_error(arrived.q_ned_frd, q),
-        velocity=arrived.velocity - velocity,
-        position=arrived.position - position,
-    )
+    turned = attitude_error(arrived.q_ned_frd, q)
+    moved = arrived.velocity - velocity, arrived.position - position
+    return WindowErrors(reference.t[start], reference.t[end], turned, *moved)
 
 
 def grid_origin(comparison: Comparison) -> float | None:

@@ -11,7 +11,7 @@ Also here: the best estimate's trajectory as a judge.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -115,8 +115,7 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
             weights.append(prior + likelihood)
             sets.append(faulty)
     share = np.exp(np.array(weights) - max(weights))
-    share /= share.sum()
-    return np.asarray(share @ np.array(sets, np.float64))
+    return np.asarray(share / share.sum() @ np.array(sets, np.float64))
 
 
 def compass_fault_probability(size: float, sigma: float) -> float:
@@ -139,11 +138,11 @@ def read_wrongly(
     """
     if any(f.severity == "error" or f.kind == "axes_wrong" for f in faults):
         return ()
-    errors = () if best is None else constant_errors(best, flight)
-    known = {(one.imu, one.sensor): one for one in errors}
-    still = {(one.imu, one.sensor): one for one in errors_at_rest(flight, gravity)}
-    still = {key: one for key, one in still.items() if key not in known or one.sensor == "gyro"}
-    return tuple((known | still).values())
+    known = {(one.imu, one.sensor): one for one in (() if best is None else constant_errors(best, flight))}
+    for one in errors_at_rest(flight, gravity):
+        if (one.imu, one.sensor) not in known or one.sensor == "gyro":
+            known[one.imu, one.sensor] = one
+    return tuple(known.values())
 
 
 def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, ...]:
@@ -217,10 +216,8 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
         imus.append((track.instance, track.source))
         gyro.append((np.median(rates, axis=0), spread))
         accel.append((force * (1.0 - gravity / size), np.full(3, healthy.LOCAL_GRAVITY)))
-    if not imus:
-        return ()
     out: list[ConstantError] = []
-    for sensor, readings in (("gyro", gyro), ("accel", accel)):
+    for sensor, readings in (("gyro", gyro), ("accel", accel)) if imus else ():
         out += _weighed(sensor, imus, [value for value, _ in readings], [sigma for _, sigma in readings], np.zeros(3))
     return tuple(out)
 
@@ -238,10 +235,9 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
             continue
         unit, scale, decimals = BIAS_UNITS[one.sensor]
         reads = f"{scale * one.value[i]:.{decimals}f} ± {scale * one.sigma[i]:.{decimals}f} {unit}"
-        words = (
-            f"{SENSOR_WORDS[one.sensor]} {'xyz'[i]} of IMU {one.imu} ({one.source}) reads {reads} too much"
-            f"{' when level' if one.sensor == 'accel' else ''} since the start of the log"
-        )
+        whose, level = f"IMU {one.imu} ({one.source})", " when level" if one.sensor == "accel" else ""
+        much = f"{SENSOR_WORDS[one.sensor]} {'xyz'[i]} of {whose} reads {reads} too much{level}"
+        words = f"{much} since the start of the log"
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = hypothesis_of(f"{one.sensor}_bias")
         evidence = f"{words}; {usual} (probability of a fault {percent(sure)})"
@@ -250,8 +246,7 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
             unsure = sure > 1.0 - priors.ACCUSED
             yield Finding(kind.name, "data", "warning", begin, end, evidence, advice, undecided=unsure)
             continue
-        cause = Cause(
-            kind.name, "imu", begin, sensor=one.sensor, axis="xyz"[i], size=abs(float(one.value[i])),
-            sigma=float(one.sigma[i]), unit=kind.unit, probability=sure, side_probability=sure, imu=one.imu,
-        )  # fmt: skip
+        size, sigma = abs(float(one.value[i])), float(one.sigma[i])
+        cause = Cause(kind.name, "imu", begin, None, None, one.sensor, "xyz"[i], size, sigma, kind.unit, sure, sure)
+        cause = replace(cause, imu=one.imu)
         yield Finding(kind.name, "imu", "error", begin, end, evidence, advice, words, cause)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, unreported
-from companion.analysis.finding import Finding, runs
-from companion.analysis.phases import flown, judged_at, phases
+from companion.analysis.finding import Finding, ends_of, runs
+from companion.analysis.phases import flight_of, judged_at, phases
 from companion.analysis.reference import (
     BoolArray,
     IntArray,
@@ -26,15 +26,7 @@ from companion.analysis.reference import (
     wrapped,
 )
 from companion.constants import check, harm, healthy, num
-from companion.estimation import (
-    ATTITUDE,
-    CONSTANTS,
-    HEIGHTS,
-    POSITION,
-    VELOCITY,
-    BestEstimate,
-    hypothesis_of,
-)
+from companion.estimation import ATTITUDE, CONSTANTS, HEIGHTS, POSITION, VELOCITY, BestEstimate, hypothesis_of
 from companion.model import (
     Array,
     EstimatorReset,
@@ -105,11 +97,7 @@ class AutopilotError:
     typical_sigma: float  # its median
 
 
-def autopilot_error(
-    flight: Flight,
-    best: BestEstimate,
-    limits: Limits = Limits(),  # noqa: B008  (frozen)
-) -> tuple[AutopilotError, ...]:
+def autopilot_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[AutopilotError, ...]:
     """The autopilot's estimate less the best estimate, at the keyframes at which the autopilot tells its state.
 
     Velocity and position need a GPS. Positions are compared from where both begin: their zeros need not be one place.
@@ -120,9 +108,8 @@ def autopilot_error(
     reference = reference_at(flight.attitude, flight.position, best.t, limits)
     turned = attitude_error(reference.q_ned_frd, best.q_ned_frd)
     between = reference.interpolation_error(np.arange(len(best.t)), best.path)
-    attitude = np.hypot(best.sigma(ATTITUDE), between.attitude[:, None])
-    velocity = np.hypot(best.sigma(VELOCITY), between.velocity[:, None])
-    position = np.hypot(best.sigma(POSITION), between.position[:, None])
+    pairs = (ATTITUDE, between.attitude), (VELOCITY, between.velocity), (POSITION, between.position)
+    attitude, velocity, position = (np.hypot(best.sigma(block), own[:, None]) for block, own in pairs)
     tilt, heading = attitude[:, :2], attitude[:, 2:]
     rows = [
         ("tilt", "rad", length(turned[:, :2]), tilt, reference.attitude_known),
@@ -153,8 +140,7 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
     own = [b for b in flight.biases if b.imu_instance == best.imu.instance and len(b)]
     if not own:
         return
-    held = own[0]
-    begin, end = float(best.t[0]), float(best.t[-1])
+    held, (begin, end) = own[0], ends_of(best.t)
     since = end - num.AP_BIAS_NEWEST * (end - begin)
     late, newest = held.t >= since, best.t >= since
     for sensor, large in harm.AP_BIAS.items():
@@ -163,11 +149,9 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         if not len(values) or not np.isfinite(values).all():
             continue
         theirs, ours = np.median(values, axis=0), np.median(estimate, axis=0)
-        sigma = np.hypot(
-            np.nan_to_num(np.median(getattr(held, f"{sensor}_sigma")[late], axis=0)),
-            np.median(getattr(best, f"{sensor}_bias_sigma")[newest], axis=0),
-        )
-        sigma = np.maximum(sigma, healthy.AP_BIAS_MIN_SIGMA[sensor])
+        doubts = getattr(held, f"{sensor}_sigma")[late], getattr(best, f"{sensor}_bias_sigma")[newest]
+        their_sigma, our_sigma = (np.median(doubt, axis=0) for doubt in doubts)
+        sigma = np.maximum(np.hypot(np.nan_to_num(their_sigma), our_sigma), healthy.AP_BIAS_MIN_SIGMA[sensor])
         if float(length(ours)) < large or (np.abs(ours - theirs) > num.SIGMAS * sigma).any():
             continue
         axis = int(np.argmax(np.abs(ours)))
@@ -193,22 +177,17 @@ COMPONENTS: Mapping[str, tuple[str, slice]] = {
 _LEAST = {**harm.AP_ERROR, "position": hypothesis_of("gps_position").min_reported}  # as a healthy receiver shifts
 
 
-def estimator_deviations(
+def called_and_possible(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[EstimatorDeviation, ...]:
+) -> tuple[tuple[EstimatorDeviation, ...], tuple[EstimatorDeviation, ...]]:
     """Where the autopilot's estimate leaves the best estimate, while it is judged.
+
+    And the largest of each other quantity that would do harm, and may be chance as well.
 
     A heading deviates by what it is off by, and where that is in doubt by what it has changed by: that is known better
     where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
-    return called_and_possible(flight, best, limits, tilted)[0]
-
-
-def called_and_possible(
-    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[tuple[EstimatorDeviation, ...], tuple[EstimatorDeviation, ...]]:
-    """The same, and the largest of each other quantity that would do harm, and may be chance as well."""
     reference, off = _off(flight, best, limits, tilted)
     called: list[EstimatorDeviation] = []
     possible: list[EstimatorDeviation] = []
@@ -228,13 +207,7 @@ def called_and_possible(
 
 
 def _lasting(
-    best: BestEstimate,
-    reference: Reference,
-    name: str,
-    value: Array,
-    sigma: Array,
-    judged: BoolArray,
-    where: BoolArray,
+    best: BestEstimate, reference: Reference, name: str, value: Array, sigma: Array, judged: BoolArray, where: BoolArray
 ) -> list[EstimatorDeviation]:
     """Each stretch of keyframes (K,) that lasts; one that begins with a step need not last as long as what grows.
 
@@ -278,15 +251,12 @@ def _off(
         "heading": (heading, _together(doubt, between.attitude), judged),
     }
     known = judged & reference.position_known
-    which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
+    which = flight_of(phases(flight), t)
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
         speed = length(_beyond((reference.velocity - best.velocity)[:, :2], unreported(best, "gps_velocity")))
-        moved = beyond_the_sphere(
-            moved - at_first(moved, known, which),
-            reference.position - at_first(reference.position, known, which),
-            best.origin or flight.origin,
-        )
+        moved, gone = (values - at_first(values, known, which) for values in (moved, reference.position))
+        moved = beyond_the_sphere(moved, gone, best.origin or flight.origin)
         place = length(_beyond(moved, unreported(best, "gps_position")))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
@@ -317,12 +287,9 @@ def _confirmed_by_imu(best: BestEstimate, reference: Reference, quantity: str, v
     def off(one: Reference | BestEstimate) -> float:
         start = one.q_ned_frd[first], one.velocity[first], one.position[first]
         q, v, p = best.path.carry(best.index[first], best.index[peak], *start, gravity=best.gravity)
-        error = {
-            "turn": attitude_error(one.q_ned_frd[peak], q),
-            "velocity": one.velocity[peak] - v,
-            "position": one.position[peak] - p,
-        }
-        return float(np.linalg.norm(error[moved][axes]))
+        error = {"velocity": one.velocity[peak] - v, "position": one.position[peak] - p}
+        turn = attitude_error(one.q_ned_frd[peak], q)
+        return float(np.linalg.norm(error.get(moved, turn)[axes]))
 
     autopilot = off(reference)
     return autopilot < off(best) and autopilot < (1.0 - check.DEVIATION_ONSET) * float(value[peak])
@@ -474,16 +441,19 @@ def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third sensor."""
     if isinstance(best, NoEstimateError):
         return Sensitivity({}, (f"what IMU and autopilot may have wrong together: {best.why}",))
+
+    def usual(quantity: str, sigma: Array) -> float:
+        return float(np.median(least_deviation(quantity, sigma)))
+
     smallest = {kind: best.detectable[kind] for kind in ("gyro_bias", "accel_bias") if kind in best.detectable}
-    lacking = []
-    attitude = best.sigma(ATTITUDE)
-    smallest["tilt"] = _usual("tilt", attitude[:, :2].max(axis=1))
+    lacking, attitude = [], best.sigma(ATTITUDE)
+    smallest["tilt"] = usual("tilt", attitude[:, :2].max(axis=1))
     if best.heading_from == "first guess":
         lacking.append("heading: no compass, and GPS does not tell it")
     else:
-        smallest["heading"] = _usual("heading", attitude[:, 2])
+        smallest["heading"] = usual("heading", attitude[:, 2])
     if "gps_position" in best.residuals:
-        smallest["position"] = _usual("position", best.sigma(POSITION)[:, :2].max(axis=1))
+        smallest["position"] = usual("position", best.sigma(POSITION)[:, :2].max(axis=1))
     else:
         lacking.append("accelerometer bias, velocity and position: no GPS")
     if "gps_position" in best.detectable:
@@ -496,10 +466,6 @@ def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
             del smallest[kind]
             lacking.append(f"{name}: not even {useless * factor:.0f} {unit} would show".replace(" °", "°"))
     return Sensitivity(smallest, tuple(lacking))
-
-
-def _usual(quantity: str, sigma: Array) -> float:
-    return float(np.median(least_deviation(quantity, sigma)))
 
 
 def _two_digits(value: float) -> str:

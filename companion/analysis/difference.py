@@ -157,12 +157,8 @@ class Contrast:
 
     def worse_than(self, limit: float) -> list[tuple[float, str, Change]]:
         """(horizon s, quantity, change) of all that is significantly worse by more than this part."""
-        return [
-            (row.b.horizon_s, quantity, change)
-            for row in self.rows
-            for quantity, change in row.changes.items()
-            if change.worse_than(limit)
-        ]
+        every = ((row.b.horizon_s, name, change) for row in self.rows for name, change in row.changes.items())
+        return [one for one in every if one[2].worse_than(limit)]
 
 
 def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
@@ -174,13 +170,9 @@ def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
             other, other_expected = of_b[row.horizon_s]
             rows.append(ContrastRow(row, other, expected, other_expected, _changes(row, other, same_flight)))
     kinds_a, kinds_b = ({(f.kind, f.side) for f in assessment.verdict.findings} for assessment in (a, b))
-    return Contrast(
-        rows=tuple(rows),
-        figures=_figures(a, b),
-        gone=tuple(f for f in a.verdict.findings if (f.kind, f.side) not in kinds_b),
-        new=tuple(f for f in b.verdict.findings if (f.kind, f.side) not in kinds_a),
-        kept=tuple(sorted({kind for kind, _ in kinds_a & kinds_b})),
-    )
+    gone = tuple(f for f in a.verdict.findings if (f.kind, f.side) not in kinds_b)
+    new = tuple(f for f in b.verdict.findings if (f.kind, f.side) not in kinds_a)
+    return Contrast(tuple(rows), _figures(a, b), gone, new, tuple(sorted({kind for kind, _ in kinds_a & kinds_b})))
 
 
 def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
@@ -193,11 +185,8 @@ def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
     for quantity in QUANTITIES:
         if quantity != "attitude" and (a.position_m is None or b.position_m is None):
             continue
-        logs = (
-            np.log(np.maximum(length(getattr(row.errors, quantity)[chosen]), num.LOG_MIN_ERROR))
-            for row, chosen in ((a, of_a), (b, of_b))
-        )
-        moved = shift(*logs, paired=same_flight)
+        sizes = (length(getattr(row.errors, quantity)[chosen]) for row, chosen in ((a, of_a), (b, of_b)))
+        moved = shift(*(np.log(np.maximum(size, num.LOG_MIN_ERROR)) for size in sizes), paired=same_flight)
         ratio, low, high = (float(np.exp(one)) for one in (moved.estimate, moved.low, moved.high))
         changes[quantity] = Change(ratio, low, high, same_flight)
     return changes

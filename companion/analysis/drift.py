@@ -146,26 +146,17 @@ def drift_of(comparison: Comparison, horizons: Sequence[float] = num.HORIZONS_S)
 
 def drift_over(comparison: Comparison, sets: Sequence[Windows]) -> Drift:
     """The drift table over given windows, a row for each set."""
-    rows = tuple(
-        drift_row(chosen.horizon, chosen.excluded, errors(comparison, chosen), has_position=comparison.has_position)
-        for chosen in sets
-    )
-    return Drift(comparison.track.source, comparison.how.method, comparison.how.middle, rows, comparison.path.notes)
+    placed = comparison.has_position
+    rows = [_row(one.horizon, one.excluded, errors(comparison, one), has_position=placed) for one in sets]
+    how = comparison.how
+    return Drift(comparison.track.source, how.method, how.middle, tuple(rows), comparison.path.notes)
 
 
-def drift_row(
-    horizon_s: float, excluded: Mapping[str, int], window_errors: WindowErrors, *, has_position: bool
-) -> DriftRow:
+def _row(horizon_s: float, excluded: Mapping[str, int], off: WindowErrors, *, has_position: bool) -> DriftRow:
     """The statistics of windows of one length."""
-    return DriftRow(
-        horizon_s=horizon_s,
-        windows=len(window_errors.anchor_s),
-        excluded=excluded,
-        attitude_deg=_statistic(np.degrees(length(window_errors.attitude))),
-        velocity_mps=_statistic(length(window_errors.velocity)) if has_position else None,
-        position_m=_statistic(length(window_errors.position)) if has_position else None,
-        errors=window_errors,
-    )
+    turned = _statistic(np.degrees(length(off.attitude)))
+    speed, place = (_statistic(length(vectors)) if has_position else None for vectors in (off.velocity, off.position))
+    return DriftRow(horizon_s, len(off.anchor_s), excluded, turned, speed, place, off)
 
 
 def _statistic(values: Array) -> Statistic | None:
@@ -219,9 +210,8 @@ class RunningDrift:
     @property
     def rows(self) -> tuple[DriftRow, ...]:
         """The table so far."""
-        return tuple(
-            table.row(has_position=self._part is not None and self._part.has_position) for table in self._tables
-        )
+        placed = self._part is not None and self._part.has_position
+        return tuple(table.row(has_position=placed) for table in self._tables)
 
     def take(
         self, flight: Flight, *, imu: str | None = None, how: Integration = DEFAULT, settled_s: float = np.inf
@@ -275,7 +265,7 @@ class _Table:
         if self._row is None:
             e: Array = self._errors
             window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
-            self._row = drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
+            self._row = _row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
         return self._row
 
 
@@ -285,9 +275,8 @@ def newest_stands_out(comparison: Comparison) -> bool:
     It says that something may have begun, not what.
     """
     since = float(comparison.track.t[-1]) - check.LIVE_NEWEST_S
-    if any(len(steps) and steps[-1, 1] > since for steps in (comparison.attitude_steps, comparison.position_steps)):
-        return True
-    if _stands(comparison.track):
+    stepped = (len(s) and s[-1, 1] > since for s in (comparison.attitude_steps, comparison.position_steps))
+    if any(stepped) or _stands(comparison.track):
         return True
     chosen = windows(comparison, num.AVERAGED_S)
     window_errors = errors(comparison, chosen)
@@ -295,10 +284,8 @@ def newest_stands_out(comparison: Comparison) -> bool:
     if not new.any() or (~new).sum() < check.LIVE_MIN:
         return False
     parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
-    return any(
-        float(size[new].max()) > check.LIVE_TIMES * percentile(size[~new], check.LIVE_USUAL)
-        for size in map(length, parted)
-    )
+    sizes = [length(vectors) for vectors in parted]
+    return any(size[new].max() > check.LIVE_TIMES * percentile(size[~new], check.LIVE_USUAL) for size in sizes)
 
 
 def _stands(track: ImuTrack) -> bool:

@@ -99,12 +99,9 @@ class EstimatorDeviation:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad")
-        sure = self.probability
-        return Cause(
-            f"{self.quantity}_off", "autopilot", self.start, self.end, size=self.size, sigma=self.sigma, unit=unit,
-            probability=sure, side_probability=sure,
-        )  # fmt: skip
+        unit, sure = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad"), self.probability
+        sized = Cause(f"{self.quantity}_off", "autopilot", self.start, self.end, size=self.size, sigma=self.sigma)
+        return replace(sized, unit=unit, probability=sure, side_probability=sure)
 
     def __str__(self) -> str:
         unit, scale = DEVIATION_UNITS[self.quantity]
@@ -114,10 +111,10 @@ class EstimatorDeviation:
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
     best, intervals = of_one_kind(best), list[FaultInterval]()
+    in_time = sorted(best.explained, key=lambda e: e.onset)
     for kind in HYPOTHESES:
-        of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
-        for imu in dict.fromkeys(e.imu for e in of_kind):
-            parts = [e for e in of_kind if e.imu == imu]
+        for imu in dict.fromkeys(e.imu for e in in_time if e.kind == kind.name):
+            parts = [e for e in in_time if (e.kind, e.imu) == (kind.name, imu)]
             intervals += _intervals_of(parts, kind.device, kind.min_reported, best)
     return tuple(sorted(intervals, key=lambda e: e.start))
 
@@ -164,19 +161,12 @@ def _intervals_of(parts: list[Explained], device: str, least: float, best: BestE
         peak = first + int(np.argmax(size[here] - num.SIGMAS * sigma[here]))  # where it surely is largest
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
-        during = [p for p in parts if p.onset <= grid[final] and p.end >= grid[first]]
+        end = _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, device, best)
+        meanwhile = [p for p in parts if p.onset <= grid[final] and p.end >= grid[first]]
+        rivals = _rivals(meanwhile, level[peak], sigma[peak], best)
+        began, largest = (cause.onset, cause.onset_sigma), (level[peak], float(sigma[peak]))
         yield FaultInterval(
-            cause.kind,
-            device,
-            cause.onset,
-            cause.onset_sigma,
-            _end_of(float(grid[final]) if final < len(grid) - 1 else np.inf, cause, device, best),
-            level[peak],
-            float(sigma[peak]),
-            _rivals(during, level[peak], sigma[peak], best),
-            cause.shape in SLOPED,
-            cause.imu,
-            tuple(during),
+            cause.kind, device, *began, end, *largest, rivals, cause.shape in SLOPED, cause.imu, tuple(meanwhile)
         )
 
 
@@ -193,8 +183,12 @@ def imu_at(interval: FaultInterval, best: BestEstimate, imu: int | None) -> int:
 
 
 def _rivals(parts: list[Explained], size: Array, sigma: float, best: BestEstimate) -> tuple[Rival, ...]:
-    """Those of the likeliest of the parts of one interval, whose size is that of all together."""
-    likeliest = max(parts, key=_fault_odds)
+    """Those of the likeliest to be a fault of the parts of one interval, whose size is that of all together."""
+
+    def fault_odds(part: Explained) -> float:
+        return max((one.fault_log_odds for one in part.rivals if one.kind == part.kind), default=-np.inf)
+
+    likeliest = max(parts, key=fault_odds)
     if len(parts) == 1:
         return likeliest.rivals
     flight = float(best.t[0]), float(best.t[-1])
@@ -204,11 +198,6 @@ def _rivals(parts: list[Explained], size: Array, sigma: float, best: BestEstimat
         replace(one, fault=max(one.fault, fault)) if one.imu == likeliest.imu and one.kind in alike else one
         for one in likeliest.rivals
     )
-
-
-def _fault_odds(part: Explained) -> float:
-    """Logarithm of the odds that what was explained is a fault: of several parts of one, the likeliest counts."""
-    return max((one.fault_log_odds for one in part.rivals if one.kind == part.kind), default=-np.inf)
 
 
 def unreported(best: BestEstimate, measured: str) -> Array:
@@ -313,9 +302,9 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
 def described(interval: FaultInterval, best: BestEstimate) -> str:
     """The interval in words, with its time."""
     until = "to the end" if not np.isfinite(interval.end) else f"to {interval.end:.1f} s"
-    what = f"{words(interval.kind)} of a size that cannot be told"
-    if is_sized(interval, best):
-        what = hypothesis_of(interval.kind).phrase(_size(interval, best))
+    sized = is_sized(interval, best)
+    phrase = hypothesis_of(interval.kind).phrase
+    what = phrase(_size(interval, best)) if sized else f"{words(interval.kind)} of a size that cannot be told"
     if interval.imu is not None:
         what = f"IMU {interval.imu}, compared with IMU {imu_at(interval, best, None)}: {what}"
     elif interval.device == "imu" and best.imu.switches:

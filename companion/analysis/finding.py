@@ -117,6 +117,11 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
 
 
+def ends_of(t: Array) -> Span:
+    """The first and the last of times (N,), s."""
+    return float(t[0]), float(t[-1])
+
+
 def are_near(findings: Iterable[Finding], t: float) -> bool:
     """Whether any of some findings is of a time t, s, or near it."""
     return any(one.start_s - check.NEAR_S <= t <= one.end_s + check.NEAR_S for one in findings)
@@ -131,6 +136,11 @@ def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:
 def runs(flags: BoolArray) -> Iterator[tuple[int, int]]:
     """The same, run by run."""
     yield from zip(*(edge.tolist() for edge in run_edges(flags)), strict=True)
+
+
+def spans(t: Array, flags: BoolArray) -> list[Span]:
+    """From when to when each is; t: (N,) s."""
+    return [(float(t[first]), float(t[last])) for first, last in runs(flags)]
 
 
 def standing_still(same: BoolArray, t: Array, least_s: float) -> list[tuple[int, int]]:

@@ -73,14 +73,13 @@ def reported_by(flight: Flight, autopilot: ReferenceSpec) -> ReferenceSpec:
         ("velocity", ("vn_m2ps2", "ve_m2ps2", "vd_m2ps2")),
     ):
         for series in of_kind(flight.series, "variance"):
-            sigma = _sigma([series[c] for c in columns])
-            if sigma is not None:
+            if (sigma := _sigma([series[c] for c in columns])) is not None:
                 changed[figure] = sigma
-                sources += [series.source] if series.source not in sources else []
+                sources.append(series.source)
                 break
     if not changed:
         return autopilot
-    reason = f"{', '.join(changed)} from {', '.join(sources)}; the rest from the settings"
+    reason = f"{', '.join(changed)} from {', '.join(dict.fromkeys(sources))}; the rest from the settings"
     return replace(autopilot, **changed, reason=reason)
 
 

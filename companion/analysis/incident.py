@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ import numpy as np
 from companion.analysis.assessment import Assessment
 from companion.analysis.findings.detect import output_name
 from companion.analysis.phases import down_in_body, in_the_air, phases
-from companion.analysis.reference import BoolArray, length
+from companion.analysis.reference import BoolArray, length, window, within
 from companion.constants import check, harm, priors
 from companion.estimation import AIDING
 from companion.model import Array, DataError, Flight, ImuTrack
@@ -108,19 +108,17 @@ def moments(flight: Flight, assessment: Assessment | None) -> tuple[Moment, ...]
 def incident(flight: Flight, assessment: Assessment | None, at: float | None = None) -> Incident:
     """What happened about a moment: at a boot time (s), else at the most serious. Raises DataError without any."""
     begin, end = flight.start, flight.start + flight.duration
+    every = moments(flight, assessment)
     if at is not None:
         if not begin <= at <= end:
             raise DataError(f"--at {at:g}: the flight is from {begin:.1f} to {end:.1f} s after boot.")
-        near = [m for m in moments(flight, assessment) if abs(m.t - at) <= check.SUDDEN_S]
-        moment = Moment(at, near[0].kind if near else "requested", near[0].text if near else "as requested")
-    else:
-        every = moments(flight, assessment)
-        if not every:
-            raise DataError(
-                "nothing went wrong in this log: no loss of control, failsafe, fault or lane switch. "
-                "Name a time with --at SECONDS (boot clock)."
-            )
+        near = next((m for m in every if abs(m.t - at) <= check.SUDDEN_S), Moment(at, "requested", "as requested"))
+        moment = replace(near, t=at)
+    elif every:
         moment = every[0]
+    else:
+        nothing = "nothing went wrong in this log: no loss of control, failsafe, fault or lane switch"
+        raise DataError(f"{nothing}. Name a time with --at SECONDS (boot clock).")
     start, stop = max(begin, moment.t - check.INCIDENT_BEFORE_S), min(end, moment.t + check.INCIDENT_AFTER_S)
     tracking, outputs = _tracking(flight, moment.t, stop), tuple(_outputs(flight, moment.t, stop))
     lost = moment.kind == "loss_of_control" or (tracking is not None and tracking.left_s is not None)
@@ -157,7 +155,7 @@ def _timeline(
 
 def _reached(flight: Flight, t: float, start: float, stop: float) -> Iterator[Reached]:
     for one in flight.each_imu():
-        inside, before = (one.t >= start) & (one.t <= stop), (one.t >= start) & (one.t < t - check.WORTHLESS_S)
+        inside, before = within(one.t, (start, stop)), (one.t >= start) & (one.t < t - check.WORTHLESS_S)
         if inside.any():
             most = (_most(values, where) for where in (inside, before) for values in (one.gyro, one.accel))
             yield Reached(one.source, *most)
@@ -173,7 +171,7 @@ def _tracking(flight: Flight, t: float, stop: float) -> Tracking | None:
     if attitude is None or control is None or not len(control):
         return None
     since = t - check.LOST_BEFORE_S
-    inside = (attitude.t >= since) & (attitude.t <= stop)
+    inside = within(attitude.t, (since, stop))
     last = np.maximum(np.searchsorted(control.t, attitude.t, side="right") - 1, 0)
     inside &= np.abs(attitude.t - control.t[last]) < check.DESIRED_FRESH_S
     if inside.sum() < 2:
@@ -210,12 +208,6 @@ def _outputs(flight: Flight, t: float, stop: float) -> Iterator[Output]:
             if at_end[around].mean() >= check.AT_END_SHARE and at_end[usual_part].mean() < check.AT_END_USUAL:
                 first = float(track.t[around][at_end[around]][0])
                 yield Output(output_name(flight, i), end, first - t, float(np.nanmedian(column[usual_part])))  # type: ignore[arg-type]
-
-
-def window(track_t: Array, start: float, stop: float) -> slice:
-    """The samples (N,) within a window, s."""
-    first, last = np.searchsorted(track_t, [start, stop])
-    return slice(int(first), int(last))
 
 
 def imus_within(flight: Flight, start: float, stop: float) -> Sequence[ImuTrack]:
@@ -279,10 +271,8 @@ def of_loss(
     reasons: dict[str, list[str]] = {cause: [] for cause in log_odds}
     for name, (there, text) in seen.items():
         for cause, row in priors.INCIDENT.items():
-            share = row[name] if there else 1.0 - row[name]
-            log_odds[cause] += math.log(share)
-            usual = priors.INCIDENT["other"][name] if there else 1.0 - priors.INCIDENT["other"][name]
-            if there and share > usual:
+            log_odds[cause] += math.log(row[name] if there else 1.0 - row[name])
+            if there and row[name] > priors.INCIDENT["other"][name]:
                 reasons[cause].append(text)
     for cause, (share, text) in _sensors(assessment, t).items():
         bounded = min(max(share, priors.SENSOR_CLEARED), priors.ACCUSED)
@@ -305,17 +295,14 @@ def _evidence(
 ) -> dict[str, tuple[bool, str]]:
     """Name → whether it is there, and in words; what the log does not show is not among it."""
     seen: dict[str, tuple[bool, str]] = {}
-    if flight.actuators is not None:
-        full = [one.name for one in outputs if one.end == "full"]
-        zero = [one.name for one in outputs if one.end == "zero"]
-        seen["output_full"] = bool(full), f"{', '.join(full) or 'no output'} at the upper end of its range"
-        seen["output_zero"] = bool(zero), f"{', '.join(zero) or 'no output'} at the lower end of its range"
+    for end, words in (("full", "upper"), ("zero", "lower")) if flight.actuators is not None else ():
+        names = [one.name for one in outputs if one.end == end]
+        seen[f"output_{end}"] = bool(names), f"{', '.join(names) or 'no output'} at the {words} end of its range"
     if tracking is not None:
-        degrees = math.degrees(tracking.worst)
-        left = tracking.left_s is not None
-        seen["not_followed"] = left, f"the attitude is up to {degrees:.0f}° from the desired one"
-        steep = tracking.desired > harm.OVERTURNED_RAD
-        seen["desired_steep"] = steep, f"a tilt of {math.degrees(tracking.desired):.0f}° was desired"
+        worst, desired = math.degrees(tracking.worst), math.degrees(tracking.desired)
+        off = f"the attitude is up to {worst:.0f}° from the desired one"
+        seen["not_followed"] = tracking.left_s is not None, off
+        seen["desired_steep"] = tracking.desired > harm.OVERTURNED_RAD, f"a tilt of {desired:.0f}° was desired"
     texts = [one.text for one in flight.texts if t - check.INCIDENT_BEFORE_S <= one.t <= t]  # later it may follow
     for name, pattern in _WORDS.items():
         announced = next((text for text in texts if pattern.search(text)), "")

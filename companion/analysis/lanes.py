@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.deviations import COMPONENTS, at_first, keyframe_at_first
-from companion.analysis.finding import Cause, Finding
-from companion.analysis.phases import flown, judged_at, judged_parts, phases
+from companion.analysis.finding import Cause, Finding, Span
+from companion.analysis.phases import flight_of, judged_at, judged_parts, phases
 from companion.analysis.reference import BoolArray, IntArray, attitude_error, length
 from companion.constants import check, healthy, num, priors
 from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEstimate, Correlation, chi_square
@@ -162,10 +162,10 @@ def judge_lanes(flight: Flight, best: BestEstimate, findings: Sequence[Finding] 
     parts = judged_parts(phases(flight))
     begin, end = (parts[0].start, parts[-1].end) if parts else (np.inf, -np.inf)
     begin, end = max(begin, float(best.t[0])), min(end, float(best.t[-1]))
-    spans = [_span(compared, used, begin, end, "flight")] if compared.within(begin, end).any() else []
-    for start, end, cause in _faults(findings, best):
-        if compared.within(start, end).any():
-            spans.append(_span(compared, used, start, end, cause.kind, readers(numbered, cause, start, end)))
+    spans = [_span(compared, used, (begin, end), "flight")] if compared.within(begin, end).any() else []
+    for span, cause in _faults(findings, best):
+        if compared.within(*span).any():
+            spans.append(_span(compared, used, span, cause.kind, readers(numbered, cause, *span)))
     switches = tuple(_switches(flight, compared))
     return Lanes(lanes, used, tuple(spans), switches, compared, tuple(_notes(flight, numbered, best, compared)))
 
@@ -197,50 +197,36 @@ def _with_flown(compared: Compared, used: SensorInUse | None) -> Compared:
     return replace(compared, lanes=(*compared.lanes, flown))
 
 
-def _faults(findings: Sequence[Finding], best: BestEstimate) -> Iterator[tuple[float, float, Cause]]:
+def _faults(findings: Sequence[Finding], best: BestEstimate) -> Iterator[tuple[Span, Cause]]:
     """From when to when something was wrong, of the causes that are stated; each kind once at a time."""
-    last = float(best.t[-1])
-    done: list[tuple[str, float]] = []
+    until: dict[str, float] = {}
     for one in sorted(findings, key=lambda f: f.start_s):
         if one.cause is None or one.severity == "info" or one.end_s <= one.start_s:
             continue
-        end = min(one.end_s, last)
-        if not any(kind == one.cause.kind and one.start_s < until for kind, until in done):
-            done.append((one.cause.kind, end))
-            yield one.start_s, end, one.cause
+        if one.start_s >= until.get(one.cause.kind, -np.inf):
+            until[one.cause.kind] = min(one.end_s, float(best.t[-1]))
+            yield (one.start_s, until[one.cause.kind]), one.cause
 
 
 def _span(
-    compared: Compared,
-    used: SensorInUse | None,
-    start: float,
-    end: float,
-    what: str,
-    sharing: tuple[str, ...] | None = None,
+    compared: Compared, used: SensorInUse | None, span: Span, what: str, sharing: tuple[str, ...] | None = None
 ) -> LaneSpan:
-    where = compared.within(start, end)
+    where = compared.within(*span)
     names = {one.lane.core: one.lane.name for one in compared.lanes if one.lane.core is not None}
-    flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, start, end))
+    flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, *span))
     odds = _Odds(sharing or ())
     ranked = [_in_span(one, compared, where, odds) for one in compared.lanes if len(one.lane)]
     known = [one for one in ranked if one.errors]
     errors = {one.lane.name: one for one in compared.lanes}
-    best = _nearest([errors[one.lane] for one in sorted(known, key=_rank)], compared, where, odds)
+    by_rank = sorted(known, key=lambda one: -(one.nearest or 0.0))
+    best = _nearest([errors[one.lane] for one in by_rank], compared, where, odds)
     matters = best is not None and any(worse(errors[n], best, compared, where, odds.of(best, errors[n])) for n in flown)
+    made = LaneSpan(*span, what, flown, tuple(known), None, sharing)
     if best is None or not matters:
-        return LaneSpan(start, end, what, flown, tuple(known), None, sharing)
-    as_good = tuple(
-        one.lane
-        for one in known
-        if one.nearest is not None
-        and one.lane != best.lane.name
-        and (one.nearest > 1.0 - priors.ACCUSED or alike(best, errors[one.lane], where))
-    )
-    return LaneSpan(start, end, what, flown, tuple(known), best.lane.name, sharing, as_good)
-
-
-def _rank(one: LaneInSpan) -> float:
-    return 0.0 if one.nearest is None else -one.nearest
+        return made
+    others = ((one, one.nearest) for one in known if one.lane != best.lane.name and one.nearest is not None)
+    may = (one.lane for one, p in others if p > 1.0 - priors.ACCUSED or alike(best, errors[one.lane], where))
+    return replace(made, right=best.lane.name, as_good=tuple(may))
 
 
 def _nearest(lanes: Sequence[LaneErrors], compared: Compared, where: BoolArray, odds: _Odds) -> LaneErrors | None:
@@ -273,9 +259,8 @@ class _Odds:
 def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, odds: _Odds) -> LaneInSpan:
     errors = tuple(_error(one, quantity, compared, where) for quantity in _UNITS if (where & one.known(quantity)).any())
     others = [other for other in compared.lanes if None not in (one.lane.core, other.lane.core) and other is not one]
-    pairs = [
-        p for other in others if (p := nearer_probability(one, other, compared, where, odds.of(one, other))) is not None
-    ]
+    told = (nearer_probability(one, other, compared, where, odds.of(one, other)) for other in others)
+    pairs = [p for p in told if p is not None]
     beaten = any(p <= 1.0 - priors.ACCUSED for p in pairs)
     off = beaten and off_probability(one, compared, where) >= priors.ACCUSED
     return LaneInSpan(one.lane.name, errors, min(pairs, default=None), off)
@@ -284,27 +269,17 @@ def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, odds: _Odds)
 def _error(one: LaneErrors, quantity: str, compared: Compared, where: BoolArray) -> LaneError:
     known = where & one.known(quantity)
     size = length(one.error[quantity][known])
-    worst = int(np.argmax(size))
-    return LaneError(
-        quantity,
-        _UNITS[quantity],
-        len(size),
-        float(np.sqrt((size**2).mean())),
-        float(np.percentile(size, 95.0)),
-        float(size[worst]),
-        float(compared.t[known][worst]),
-        float(np.median(compared.sigma(quantity)[known])),
-    )
+    worst, rms, p95 = int(np.argmax(size)), float(np.sqrt((size**2).mean())), float(np.percentile(size, 95.0))
+    at_worst = float(size[worst]), float(compared.t[known][worst])
+    sigma = float(np.median(compared.sigma(quantity)[known]))
+    return LaneError(quantity, _UNITS[quantity], len(size), rms, p95, *at_worst, sigma)
 
 
 def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
     """Every change of the lane that flies; by the announced ones where the log does not have the lane in use."""
     used = flight.lane_in_use
-    if used is not None:
-        changes = used.changes
-    else:
-        announced = sorted((one.t, one.core) for one in flight.resets if one.kind == "lane" and one.core is not None)
-        changes = [(flight.start, -1), *announced]
+    announced = sorted((one.t, one.core) for one in flight.resets if one.kind == "lane" and one.core is not None)
+    changes = [(flight.start, -1), *announced] if used is None else used.changes
     by_core = {one.lane.core: one for one in compared.lanes if one.lane.core is not None}
     for (_, before), (t, after) in pairwise(changes):
         later = min((at for at, _ in changes if at > t), default=np.inf)
@@ -312,13 +287,11 @@ def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
         yield _switch(flight, compared, (t, end), (before, by_core.get(before)), (after, by_core.get(after)))
 
 
-def _switch(
-    flight: Flight,
-    compared: Compared,
-    span: tuple[float, float],
-    before: tuple[int, LaneErrors | None],
-    after: tuple[int, LaneErrors | None],
-) -> LaneSwitch:
+_Core = tuple[int, LaneErrors | None]
+"""The number of a lane, and how far it is off; None where the log does not have it."""
+
+
+def _switch(flight: Flight, compared: Compared, span: Span, before: _Core, after: _Core) -> LaneSwitch:
     (t, end), (old_core, old), (new_core, new) = span, before, after
     names = [f"core {core}" if one is None else one.lane.name for core, one in (before, after)]
     names[0] = names[0] if old_core >= 0 else "the lane before"
@@ -341,10 +314,8 @@ def _switch(
     differ = apart(old, new, where)
     quantity = max(differ, key=lambda name: differ[name])
     left, taken = (_error(one, quantity, compared, where) for one in (old, new))
-    return replace(
-        unknown, judgement=judgement, probability=p, quantity=quantity, before_size=left.rms, after_size=taken.rms,
-        sigma=left.sigma,
-    )  # fmt: skip
+    judged = replace(unknown, judgement=judgement, probability=p, quantity=quantity)
+    return replace(judged, before_size=left.rms, after_size=taken.rms, sigma=left.sigma)
 
 
 def readers(lanes: Sequence[EstimatorLane], cause: Cause, start: float, end: float) -> tuple[str, ...] | None:
@@ -358,20 +329,14 @@ def readers(lanes: Sequence[EstimatorLane], cause: Cause, start: float, end: flo
         known = [lane for lane in lanes if lane.imu is not None]
         return tuple(lane.name for lane in known if lane.imu == cause.imu) if len(known) == len(lanes) else None
     used = [lane.sensors.get({"gps": "GPS"}.get(cause.sensor, cause.sensor)) for lane in lanes]
-    instances = {number for one in used if one is not None for number in _between(one, start, end)}
+    instances = {k for one in used if one is not None for k in one.instance.tolist() if one.uses(k, start, end)}
     return tuple(lane.name for lane in lanes) if None not in used and len(instances) == 1 else None
-
-
-def _between(used: SensorInUse, start: float, end: float) -> set[int]:
-    return {number for number in used.instance.tolist() if used.uses(number, start, end)}
 
 
 def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate, compared: Compared) -> Iterator[str]:
     if not numbered:
-        yield (
-            "the log has only the estimate that flew: of the other lanes "
-            + ("their on-board log tells" if not flight.on_board else "it says nothing")
-        )
+        others = "it says nothing" if flight.on_board else "their on-board log tells"
+        yield f"the log has only the estimate that flew: of the other lanes {others}"
     elif len(numbered) == 1:
         yield f"the estimator has one lane, {numbered[0].name}: there was nothing to switch to"
     imus = [lane.imu for lane in numbered if lane.imu is not None]
@@ -391,7 +356,7 @@ def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorL
     Positions begin where those of the lanes do that have a number: cores share an origin, or it has been taken out.
     """
     judged = judged_at(flight, best.t)
-    which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], best.t, side="right")
+    which = flight_of(phases(flight), best.t)
     made = [LaneErrors(lane, _errors(lane, best)) for lane in lanes]
     since, lanes_at_first = dict[str, IntArray](), dict[str, float]()
     zero = next((one for one in made if one.known("position")[judged].any()), None)
@@ -403,9 +368,7 @@ def compare_lanes(flight: Flight, best: BestEstimate, lanes: Sequence[EstimatorL
             for one in made:
                 one.error[part][...] -= first
     covariance = {
-        name: best.covariance[:, block, block][:, own, own]
-        for name, (of, own) in COMPONENTS.items()
-        for block in (_BLOCKS[of],)
+        name: best.covariance[:, _BLOCKS[of], _BLOCKS[of]][:, own, own] for name, (of, own) in COMPONENTS.items()
     }
     if (first_heading := _heading_by_change(made, best, judged)) is not None:
         lanes_at_first["heading"] = healthy.AP_SIGMA["heading"]

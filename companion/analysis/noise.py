@@ -106,11 +106,9 @@ def imu_noise(flight: Flight, imu: str, imu_spec: ImuSpec, limits: Limits) -> Im
     resting = tuple(made for rest in chosen if (made := _rest_noise(rest.of(track), sampling, gap)))
     flying = _flight_noise(_flown(flight, track, still), sampling, gap)
     if not resting and flying is None:
-        raise DataError(
-            f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of "
-            f"{check.SHORT_REST_S:g} s and no stretch without a gap that is long enough for a "
-            f"spectrum. {flight.how_to_record}."
-        )
+        lacking = f"no rest of {check.SHORT_REST_S:g} s and no stretch without a gap that is long enough for a spectrum"
+        samples = f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s"
+        raise DataError(f"{samples}: {lacking}. {flight.how_to_record}.")
     noise = ImuNoise(track.source, track.rate_hz, sampling, imu_spec, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
 
@@ -143,10 +141,8 @@ def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> Sampling:
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
     long = [rest for rest in still if rest.duration_s >= check.LONG_REST_S]
-    longest = max(still, key=lambda rest: rest.duration_s, default=None)
-    if long or longest is None or longest.duration_s < check.SHORT_REST_S:
-        return long
-    return [longest]
+    by_length = sorted(still, key=lambda rest: -rest.duration_s)
+    return long or [rest for rest in by_length[:1] if rest.duration_s >= check.SHORT_REST_S]
 
 
 def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> ImuTrack:
@@ -198,39 +194,30 @@ def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     if rest is None:
         yield f"no rest of {check.SHORT_REST_S:g} s: N is that of the flight, vibration included; B and K are not told"
     elif rest.duration_s < check.LONG_REST_S:
-        yield (
-            f"no rest of {check.LONG_REST_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best; for "
-            "B and K record 10 minutes or more in which the vehicle stands still"
-        )
+        longest = f"no rest of {check.LONG_REST_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best"
+        yield f"{longest}; for B and K record 10 minutes or more in which the vehicle stands still"
     if flight is not None and flight.gyro is None:
         yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: more than 10 Hz are needed"
     if how.confirmed is False:
         yield f"the log says a low-pass of {how.corner_hz:g} Hz, but the spectrum at rest does not show that"
     if track.bias_removed:
         yield "the estimator's bias has been taken off these readings: B and K are of both together"
-    yield from _quantisation_notes(rest)
-    yield from _quiet_notes(noise, track)
-
-
-def _quantisation_notes(rest: RestNoise | None) -> Iterator[str]:
     for sensor in _SENSORS if rest else ():
         axes = getattr(rest, f"{sensor}_axes")
         hidden = [name for name, axis in zip(_AXES, axes, strict=True) if axis is not None and axis.hidden]
         if hidden:
             yield f"{sensor} {', '.join(hidden)} at rest: below quantisation, N is an upper bound"
+    yield from _quiet_notes(noise, track)
 
 
 def _quiet_notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     """Axes that never change, or change less than any sensor does."""
     for sensor, values, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
-        sheet = getattr(noise.imu_spec, sensor).noise_density
-        spread = values.std(axis=0)
-        for i in np.flatnonzero(spread < healthy.TOO_QUIET * sheet * np.sqrt(noise.rate_hz)):
+        least = healthy.TOO_QUIET * getattr(noise.imu_spec, sensor).noise_density * np.sqrt(noise.rate_hz)
+        spread, why = values.std(axis=0), "less than its steps show, or stuck" if step else "stuck, no noise is told"
+        for i in np.flatnonzero(spread < least):
             between = f"{values[:, i].min():.6g} to {values[:, i].max():.6g}" if spread[i] else f"{values[0, i]:.6g}"
-            yield (
-                f"{sensor} {_AXES[i]} reads {between} throughout"
-                + (": less than its steps show, or stuck" if step else ": stuck, no noise is told")
-            )
+            yield f"{sensor} {_AXES[i]} reads {between} throughout: {why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,29 +243,24 @@ def noise_model(noise: ImuNoise) -> tuple[SensorModel, SensorModel]:
 
 
 def _sensor(noise: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorSpec) -> SensorModel:
-    rest = noise.rest
-    axes = [axis for axis in getattr(rest, f"{sensor}_axes") if axis is not None] if rest else []
-    white = _worst([axis.white for axis in axes], sheet.noise_density, rest, noise)
-    walk = _worst([axis.walk for axis in axes if axis.walk is not None], sheet.bias_walk, rest, noise)
-    flying = getattr(noise.flight, sensor) if noise.flight else None
+    axes = [axis for axis in getattr(noise.rest, f"{sensor}_axes", ()) if axis is not None]
+    white = _worst([axis.white for axis in axes], sheet.noise_density, noise)
+    walk = _worst([axis.walk for axis in axes if axis.walk is not None], sheet.bias_walk, noise)
+    flying: WhiteNoise | None = getattr(noise.flight, sensor, None)
     if not axes and flying is not None and noise.flight is not None:
         seen = flying.sampled if flying.hidden.all() else flying.sampled[~flying.hidden]
-        text = (
-            f"spectrum of {noise.flight.duration_s:.0f} s in flight at {flying.band_hz[0]:.0f} to "
-            f"{flying.band_hz[1]:.0f} Hz, vibration included, worst axis"
-        )
+        flown, (low, high) = f"spectrum of {noise.flight.duration_s:.0f} s in flight", flying.band_hz
+        text = f"{flown} at {low:.0f} to {high:.0f} Hz, vibration included, worst axis"
         white = ModelFigure(float(np.max(seen)), text, measured=True)
     return SensorModel(white, walk)
 
 
-def _worst(axes: list[Coefficient], sheet: float, rest: RestNoise | None, noise: ImuNoise) -> ModelFigure:
+def _worst(axes: list[Coefficient], sheet: float, noise: ImuNoise) -> ModelFigure:
     known = [axis for axis in axes if axis.value is not None]
-    if rest is not None and known:
+    if noise.rest is not None and known:
         worst = max(known, key=lambda axis: axis.most)
-        text = (
-            f"Allan deviation of a rest of {rest.duration_s:.0f} s at {noise.rate_hz:.1f} Hz, worst axis, 95 %: "
-            f"{worst.low:.2g} to {worst.high:.2g}"
-        )
+        rested = f"Allan deviation of a rest of {noise.rest.duration_s:.0f} s at {noise.rate_hz:.1f} Hz"
+        text = f"{rested}, worst axis, 95 %: {worst.low:.2g} to {worst.high:.2g}"
         return ModelFigure(worst.most, text, measured=True)
     bound = max((axis.high for axis in axes), default=np.inf)
     if bound < sheet:

@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.analysis.finding import Span, runs
-from companion.analysis.reference import BoolArray
+from companion.analysis.finding import Span, runs, spans
+from companion.analysis.reference import BoolArray, IntArray, length, window, within, within_any
 from companion.constants import check, harm, healthy
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, PhaseKind, without
 
@@ -33,12 +33,14 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
 
     airborne: from when to when the vehicle was in the air each time, s.
     """
-    track = flight.attitude
-    over = None if track is None else _over(flight, track)
-    calm = [] if track is None or over is None else _spans(track.t, ~over)
-    turned = [] if track is None or over is None else _turned_over(flight, airborne, _spans(track.t, over), calm)
+    over: list[Span] = []
+    calm: list[Span] = []
+    if flight.attitude is not None:
+        beyond = _over(flight, flight.attitude)
+        over, calm = (spans(flight.attitude.t, where) for where in (beyond, ~beyond))
+    every = [*_turned_over(flight, airborne, over, calm), *_reported_crashes(flight, airborne, calm)]
     losses: list[Phase] = []
-    for lost in sorted([*turned, *_reported_crashes(flight, airborne, calm)], key=lambda one: one.start):
+    for lost in sorted(every, key=lambda one: one.start):
         if not losses or lost.start >= losses[-1].end:
             losses.append(lost)
     return tuple(losses)
@@ -83,11 +85,7 @@ def down_in_body(q: Array) -> Array:
 
 def _reported_crashes(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Iterator[Phase]:
     """Crashes by the vehicle's own words. calm: in control, s."""
-    words = [
-        *((text_at.t, text_at.text) for text_at in flight.texts),
-        *((event.t, event.text) for event in flight.events),
-    ]
-    for t, text in words:
+    for t, text in [(one.t, one.text) for one in flight.texts] + [(one.t, one.text) for one in flight.events]:
         if _CRASHED.search(text) and any(begin <= t <= end + check.CRASH_REPORTED_S for begin, end in airborne):
             yield Phase(t, _armed_again(flight, calm, t), "impact", text)
 
@@ -125,7 +123,7 @@ def _at_rest(flight: Flight, over: float) -> bool:
     if name is None:
         return False
     track = flight.imus[name]
-    around = track.accel[slice(*np.searchsorted(track.t, [over - 1.0, over + 1.0]))]
+    around = track.accel[window(track.t, over - 1.0, over + 1.0)]
     return len(around) > 1 and bool((around.std(axis=0) < healthy.LYING_SCATTER).all())
 
 
@@ -162,22 +160,17 @@ def _as_desired(track: AttitudeTrack, control: ControlTrack) -> tuple[BoolArray,
     fresh, alike = np.abs(t - control.t[last]) < check.DESIRED_FRESH_S, (down * desired[last]).sum(axis=1)
     apart = np.asarray(fresh & (alike < np.cos(harm.OVERTURNED_RAD)))
     for begin, end in runs(apart):
-        lately = slice(*np.searchsorted(control.t, [t[begin] - healthy.ATTITUDE_FOLLOWS_S, t[begin]]))
+        lately = window(control.t, t[begin] - healthy.ATTITUDE_FOLLOWS_S, t[begin])
         if (desired[lately] @ down[begin] > np.cos(0.5 * harm.OVERTURNED_RAD)).any():
             apart[begin : min(np.searchsorted(t, t[begin] + healthy.ATTITUDE_FOLLOWS_S), end + 1)] = False
     return np.asarray(fresh & (alike > np.cos(0.5 * harm.OVERTURNED_RAD))), apart
 
 
-def _spans(t: Array, mask: BoolArray) -> list[Span]:
-    """From when to when each stretch is, s; t (N,), mask (N,)."""
-    return [(float(t[first]), float(t[last])) for first, last in runs(mask)]
-
-
 def _onset(flight: Flight, over: float) -> float:
     """Where the turning began that ended in being over."""
     t, rates = body_rates(flight)
-    near = (t <= over) & (t >= over - check.LOST_BEFORE_S)
-    slow = t[near][np.linalg.norm(rates[near], axis=1) < check.LEADS_TO_TUMBLING_RPS]
+    near = within(t, (over - check.LOST_BEFORE_S, over))
+    slow = t[near][length(rates[near]) < check.LEADS_TO_TUMBLING_RPS]
     return min(float(slow[-1]), over) if len(slow) else over
 
 
@@ -306,10 +299,10 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
     """
     track = flight.position if by_position else None
     if track is not None:
-        inside = (track.t >= begin) & (track.t <= end)
+        inside = within(track.t, (begin, end))
         t, height = track.t[inside], -track.position[inside, 2]
         if len(t) > 1:
-            speed = np.linalg.norm(track.velocity[inside], axis=1)
+            speed = length(track.velocity[inside])
             least = healthy.REST_MPS
             moving, until = (t[(speed > least) | (np.abs(height - height[ground]) > least)] for ground in (0, -1))
             if not len(moving):
@@ -320,12 +313,10 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
             landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > healthy.REST_MPS
             return [float(moving[0]), float(until[-1] if landed and len(until) else t[-1])]
     t, rates = body_rates(flight)
-    if not len(t):
+    inside = within(t, (begin, end))
+    if inside.sum() < 2:
         return []
-    inside = (t >= begin) & (t <= end)
     t, turning = t[inside], np.square(rates[inside] - _rest(rates)).sum(axis=1)
-    if len(t) < 2:
-        return []
     second = np.floor(t - t[0]).astype(np.int64)
     rms = np.sqrt(np.bincount(second, turning) / np.maximum(np.bincount(second), 1))
     shaken = t[rms[second] > harm.ALOFT_RPS]
@@ -379,13 +370,16 @@ def _settled(flight: Flight, until: float) -> float:
     return float(track.t[before[off[-1]]]) if len(off) else flight.start
 
 
+def flight_of(parts: Sequence[Phase], t: Array) -> IntArray:
+    """(N,) which flight of the log each time, s, is of."""
+    return np.searchsorted([begin for begin, _ in flown(parts)][1:], t, side="right")
+
+
 def judged_at(flight: Flight, t: Array) -> BoolArray:
     """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
-    judged = np.zeros(len(t), np.bool_)
-    for part in judged_parts(phases(flight)):
-        begin = part.start + (healthy.ALIGNS_S if part.kind == "standing" else 0.0)
-        judged |= (t >= begin) & (t <= part.end)
-    return judged
+    aligns = {"standing": healthy.ALIGNS_S}
+    judged = judged_parts(phases(flight))
+    return within_any(t, [(part.start + aligns.get(part.kind, 0.0), part.end) for part in judged])
 
 
 def judged_parts(parts: Sequence[Phase]) -> list[Phase]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 
@@ -41,6 +41,22 @@ def wrapped(angle: Array) -> Array:
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
+
+
+def within(t: Array, span: tuple[float, float]) -> BoolArray:
+    """(N,) which times (N,) are not before the first and not after the last of a span, s."""
+    return np.asarray((t >= span[0]) & (t <= span[1]))
+
+
+def within_any(t: Array, spans: Iterable[tuple[float, float]]) -> BoolArray:
+    """(N,) which are in any of some spans."""
+    return np.asarray(sum((within(t, span) for span in spans), np.zeros(len(t), np.bool_)))
+
+
+def window(t: Array, start: float, stop: float) -> slice:
+    """The samples at times t (N,) from one time on and before another, s."""
+    first, last = np.searchsorted(t, [start, stop])
+    return slice(int(first), int(last))
 
 
 def block_means(block: IntArray, values: Array) -> Array:

@@ -5,6 +5,7 @@ Also here: the IMU left alone since an anchor, carried on as samples arrive: wha
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,12 +91,10 @@ def replay(
     valid = reference.position_known if has_position else reference.attitude_known
     usable = np.flatnonzero(valid & (track.t >= (-np.inf if start_s is None else start_s)))
     if len(usable) < 2:
-        raise DataError(
-            f"{track.source} and {attitude.source} do not overlap"
-            + (f" after {start_s:.1f} s" if start_s is not None else "")
-            + f" (IMU {track.t[0]:.1f} to {track.t[-1]:.1f} s, attitude {attitude.t[0]:.1f} to {attitude.t[-1]:.1f} s)."
-            " Choose an earlier start or another flight of the log."
-        )
+        imu_s, attitude_s = (f"{t[0]:.1f} to {t[-1]:.1f} s" for t in (track.t, attitude.t))
+        after = "" if start_s is None else f" after {start_s:.1f} s"
+        apart = f"{track.source} and {attitude.source} do not overlap{after} (IMU {imu_s}, attitude {attitude_s})"
+        raise DataError(f"{apart}. Choose an earlier start or another flight of the log.")
     shown = slice(int(usable[0]), int(usable[-1]) + 1)
     t = track.t[shown]
     anchors = np.array([usable[0]])
@@ -106,8 +105,8 @@ def replay(
         later = nearest(track.t, times)
         delayed = np.searchsorted(usable, later)
         anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))
-    starts = (a[anchors] for a in (reference.q_ned_frd, reference.velocity, reference.position))
-    return _reckoned(track, reference, shown, anchors, (*starts,), how)
+    starts = [a[anchors] for a in (reference.q_ned_frd, reference.velocity, reference.position)]
+    return _reckoned(track, reference, shown, anchors, starts, how)
 
 
 def replay_from_rest(
@@ -124,9 +123,8 @@ def replay_from_rest(
     known = reference.position_known if reference.position_known.any() else reference.attitude_known
     later = np.flatnonzero(known[aligned.rest.first :])
     if len(later) < 2:
-        raise DataError(
-            f"{attitude.source} has nothing after the rest at {aligned.rest.start_s:.1f} s. Use --anchor autopilot."
-        )
+        nothing = f"{attitude.source} has nothing after the rest at {aligned.rest.start_s:.1f} s"
+        raise DataError(f"{nothing}. Use --anchor autopilot.")
     first = aligned.rest.first
     position = reference.position[first + int(later[0])]
     shown = slice(first, first + int(later[-1]) + 1)
@@ -135,21 +133,14 @@ def replay_from_rest(
 
 
 def _reckoned(
-    track: ImuTrack,
-    reference: Reference,
-    shown: slice,
-    anchors: IntArray,
-    starts: tuple[Array, Array, Array],
-    how: Integration,
+    track: ImuTrack, reference: Reference, shown: slice, anchors: IntArray, starts: Iterable[Array], how: Integration
 ) -> Replay:
     """The samples `shown` of both, reckoned from the states `starts` (A, 4), (A, 3), (A, 3) at samples `anchors`."""
-    t = track.t[shown]
     has_position = bool(reference.position_known.any())
-    path = how.preintegrate(track[shown])
-    index = anchors - shown.start
-    which = np.searchsorted(index, np.arange(len(t)), side="right") - 1
-    states = path.carry(index[which], np.arange(len(t)), *(start[which] for start in starts), gravity=how.gravity)
-    return _beside(t, states, reference, shown, track.t[anchors], has_position=has_position)
+    path, index, samples = how.preintegrate(track[shown]), anchors - shown.start, np.arange(shown.stop - shown.start)
+    which = np.searchsorted(index, samples, side="right") - 1
+    states = path.carry(index[which], samples, *(start[which] for start in starts), gravity=how.gravity)
+    return _beside(states, reference, shown, track.t[anchors], has_position=has_position)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,17 +160,13 @@ def extend(
     it: a gap, samples that are too few or too late, or an anchor between them.
     """
     has_position = before.has_position
-    if (
-        len(before.t) <= num.BACK
-        or before.anchors[-1] > before.t[-1 - num.BACK] + SAME_TIME
-        or not len(attitude)
-        or (has_position and not (position is not None and len(position)))
-    ):
+    position = position if has_position and position is not None and len(position) else None
+    if len(before.t) <= num.BACK or before.anchors[-1] > before.t[-1 - num.BACK] + SAME_TIME:
         return None
     first = sample_at(imu.t, before.t[-1 - num.BACK])
-    if first is None or first < num.CONTEXT:
+    if first is None or first < num.CONTEXT or not len(attitude) or (has_position and position is None):
         return None
-    reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
+    reference = reference_at(attitude, position, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
     last = int(known[-1]) if len(known) else -1
     part, shown = slice(first - num.CONTEXT, last + 1), slice(first, last + 1)
@@ -188,40 +175,22 @@ def extend(
     path = how.preintegrate(imu[part])
     state = (a[-1 - num.BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
     states = path.carry(num.CONTEXT, np.arange(num.CONTEXT, len(path.t)), *state, gravity=how.gravity)
-    newest = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
+    newest = _beside(states, reference, shown, before.anchors, has_position=has_position)
     return Continued(newest, path)
 
 
 def _beside(
-    t: Array,
-    states: tuple[Array, Array, Array],
-    reference: Reference,
-    shown: slice,
-    anchors: Array,
-    *,
-    has_position: bool,
+    states: tuple[Array, Array, Array], reference: Reference, shown: slice, anchors: Array, *, has_position: bool
 ) -> Replay:
-    """The reckoned attitude (N, 4), velocity and position (N, 3) at times t (N,) beside the reference's own."""
-    q, v, p = states
+    """The reckoned attitude (N, 4), velocity and position (N, 3) at samples `shown` beside the reference's own."""
+    t, (q, v, p) = reference.t[shown], states
     q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
     if not has_position:
         v, p = v_ref, p_ref
     valid = reference.position_known if has_position else reference.attitude_known
-    return Replay(
-        t=t,
-        q_imu=quaternion.continuous_sign(q),
-        velocity_imu=v,
-        position_imu=p,
-        q_ref=q_ref,
-        velocity_ref=v_ref,
-        position_ref=p_ref,
-        attitude_error=attitude_error(q_ref, q),
-        velocity_error=v_ref - v,
-        position_error=p_ref - p,
-        anchors=anchors,
-        has_position=has_position,
-        reference_valid=valid[shown],
-    )
+    imu, ref = (quaternion.continuous_sign(q), v, p), (q_ref, v_ref, p_ref)
+    error = attitude_error(q_ref, q), v_ref - v, p_ref - p
+    return Replay(t, *imu, *ref, *error, anchors, has_position, reference_valid=valid[shown])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ Also here: what an IMU reads too much by a piece of a flight: before a time, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +31,9 @@ from companion.analysis.fault_interval import (
     share_at,
 )
 from companion.analysis.finding import Cause, Finding
+from companion.analysis.findings.readings import read_by
 from companion.analysis.findings.stuck import still_window_s, unchanged
-from companion.analysis.verdict import Status, Verdict, headline_of, stated_cause
+from companion.analysis.verdict import SUSPECT, WHOSE, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
 from companion.estimation import (
     AIDING,
@@ -89,8 +90,7 @@ def _apart(cause: Cause, flight: Flight, best: BestEstimate, until: float | None
     for track in (other, best.imu):
         second = np.floor(track.t).astype(np.intp)
         which, first, count = np.unique(second, return_index=True, return_counts=True)
-        readings = track.gyro if cause.sensor == "gyro" else track.accel
-        means.append((which, np.add.reduceat(readings, first) / count[:, None]))
+        means.append((which, np.add.reduceat(read_by(track, cause.sensor)[0], first) / count[:, None]))
     both, i, j = np.intersect1d(means[0][0], means[1][0], assume_unique=True, return_indices=True)
     apart = means[0][1][i] - means[1][1][j]
     chosen = apart[-round(num.JUDGED_S) :] if until is None else apart[both + 1 < until]
@@ -111,9 +111,8 @@ def believable(verdict: Verdict, flight: Flight) -> Verdict:
     left = tuple(f for f in verdict.findings if f not in absurd)
     if any(f.severity == "error" and f.side != "data" for f in left):
         return replace(verdict, findings=left)
-    since = f"{absurd[0].start_s:.1f} s"
-    words = f"the sensors differ since {since}, and it is not known yet which of them is wrong"
-    return Verdict("insufficient_data", f"Cannot tell: {words}.", left, probability=verdict.probability)
+    differ = f"the sensors differ since {absurd[0].start_s:.1f} s, and it is not known yet which of them is wrong"
+    return Verdict("insufficient_data", f"Cannot tell: {differ}.", left, probability=verdict.probability)
 
 
 def _does_not_read(cause: Cause, flight: Flight) -> bool:
@@ -128,8 +127,6 @@ def _does_not_read(cause: Cause, flight: Flight) -> bool:
     return changed < cause.size - STANDARD_GRAVITY
 
 
-_SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
-_WHOM = {"imu": "the IMU", "autopilot": "the autopilot's estimate"}
 _KINDS = {kind.name for kind in HYPOTHESES}
 
 
@@ -211,7 +208,7 @@ def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Ver
     """The verdict on a piece of a flight, beside the faults that stand: it is they that make somebody suspect."""
     up = [fault for fault in standing if fault.over_s is None]
     if not up:
-        if verdict.status not in _SUSPECT.values():
+        if verdict.status not in SUSPECT.values():
             return verdict
         over = verdict.summary.removeprefix("Suspect ").removesuffix(".")
         return replace(verdict, status="consistent", summary=f"No fault now: {over}, which is over.", cause=None)
@@ -219,8 +216,8 @@ def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Ver
     headline = headline_of(first.finding).replace(" to the end", " until now")
     sure = "" if first.probability >= priors.ACCUSED else f"; still there: {percent(first.probability)}"
     more = f", and {len(up) - 1} more" if len(up) > 1 else ""
-    summary = f"Suspect {_WHOM[side]}: {headline}{sure}{more}."
-    return replace(verdict, status=_SUSPECT[side], summary=summary, cause=first.cause)
+    summary = f"Suspect {WHOSE[side]}: {headline}{sure}{more}."
+    return replace(verdict, status=SUSPECT[side], summary=summary, cause=first.cause)
 
 
 def _same(one: Finding, other: Finding) -> bool:
@@ -270,19 +267,15 @@ def _interval(finding: Finding, best: BestEstimate | None) -> FaultInterval | No
 
 def _named(finding: Finding, best: BestEstimate | None) -> Finding:
     """The finding; where it is not known yet which IMU it is, without the name of one."""
-    interval, cause = _interval(finding, best), finding.cause
-    if interval is None or best is None or cause is None or interval.device != "imu":
+    interval, cause = _interval(finding, best), stated_cause(finding)
+    if interval is None or best is None or interval.device != "imu":
         return finding
     shares = probability_by_imu(interval, best)
     if next(iter(shares.values()), 1.0) >= priors.ACCUSED or cause.sensor not in BIAS_UNITS:
         return finding
-    likely = sorted(k for k, share in shares.items() if share > 1.0 - priors.ACCUSED)
-    size = cause.size or 0.0
-    unit, scale, decimals = BIAS_UNITS[cause.sensor]
-    if not cause.kind.endswith("_bias"):
-        unit, scale, decimals = "%", 100.0, 1
-    who = " and ".join(f"IMU {k}" for k in likely)
-    by = f"{size * scale:.{decimals}f} {unit}" + (f" in {cause.axis}" if cause.axis else "")
+    who = " and ".join(f"IMU {k}" for k, share in sorted(shares.items()) if share > 1.0 - priors.ACCUSED)
+    unit, scale, decimals = BIAS_UNITS[cause.sensor] if cause.kind.endswith("_bias") else ("%", 100.0, 1)
+    by = f"{(cause.size or 0.0) * scale:.{decimals}f} {unit}" + (f" in {cause.axis}" if cause.axis else "")
     words = f"{who} differ by {by} since {cause.onset_s:.0f} s: which one is not known yet"
     return replace(finding, evidence=words, headline=words, cause=replace(cause, imu=None))
 
@@ -291,11 +284,9 @@ def _as_seen(
     finding: Finding, flight: Flight, best: BestEstimate | None, end: float, fault: StandingFault | None
 ) -> StandingFault:
     """A fault that a piece shows by itself."""
-    cause = finding.cause
-    assert cause is not None
+    cause = stated_cause(finding)
     last = end if cause.end_s is None else min(cause.end_s, end)
-    before = reads(cause, flight, best, until=cause.onset_s)
-    now = reads(cause, flight, best)
+    before, now = reads(cause, flight, best, until=cause.onset_s), reads(cause, flight, best)
     interval = None if cause.sensor not in AIDING else _interval(finding, best)
     known = StandingFault(finding, 1.0, last, size=None if interval is None else interval.size)
     if before is not None and now is not None:
@@ -311,11 +302,8 @@ def _as_seen(
         )
     if _reads_again(cause, flight):
         return replace(known, probability=0.0)
-    if cause.kind in _OUTAGES:
-        return known
-    if last < end - check.NEAR_S:
-        return replace(known, probability=_unseen(end - last))
-    return known
+    over = last < end - check.NEAR_S and cause.kind not in _OUTAGES
+    return replace(known, probability=_unseen(end - last)) if over else known
 
 
 def _weighed(
@@ -323,15 +311,21 @@ def _weighed(
 ) -> StandingFault:
     """A fault that a piece does not show by itself: where that begins after the onset, it cannot."""
     cause, sure = fault.cause, fault.probability
-    measured = fault.before is not None and fault.size is not None
     if cause.kind in _STILL:
         sure = 0.0 if _reads_again(cause, flight) else sure
     elif cause.kind in _OUTAGES:
         sure = 0.0 if _comes_again(cause, flight, end) else sure
-    elif judged and best is not None and cause.kind in _KINDS and fault.over_s is None and _has_onset(best, cause):
-        sure = _doubted(fault, _by_its_onset(best, cause))
-    elif measured:
-        return _measured(fault, reads(cause, flight, best))
+    elif (
+        judged and best is not None and cause.kind in _KINDS and fault.over_s is None
+        and (by_onset := _by_its_onset(best, cause)) is not None
+    ):  # fmt: skip
+        sure = _doubted(fault, by_onset)
+    elif fault.before is not None and fault.size is not None:
+        if (now := reads(cause, flight, best)) is None:
+            return fault
+        sure = _stays(fault.size, fault.before, now, cause)
+        if sure > priors.ACCUSED and cause.kind.endswith("_bias"):  # a bias may go on growing
+            fault = replace(fault, size=now[0] - fault.before[0])
     elif cause.sensor in AIDING and cause.end_s is None:
         sure = 0.0 if _came_back(fault, best) else sure
     elif judged:
@@ -344,25 +338,15 @@ def _doubted(fault: StandingFault, sure: float) -> float:
     return max(sure, num.DOUBTED_ONCE) if fault.probability == 1.0 else sure
 
 
-def _measured(fault: StandingFault, now: Reading | None) -> StandingFault:
-    """A fault by what its sensor reads too much now; as it was where that is not known."""
-    if now is None or fault.before is None or fault.size is None:
-        return fault
-    sure = _stays(fault.size, fault.before, now, fault.cause)
-    follows = sure > priors.ACCUSED and fault.cause.kind.endswith("_bias")  # a bias may go on growing
-    size = now[0] - fault.before[0] if follows else fault.size
-    return replace(fault, probability=sure, size=size)
+def _by_its_onset(best: BestEstimate, cause: Cause) -> float | None:
+    """The probability that a sensor has a fault since then, by a piece that has more of what came after.
 
-
-def _has_onset(best: BestEstimate, cause: Cause) -> bool:
-    """Whether the onset lies so far within a piece that it shows there."""
-    return cause.onset_s - num.SIGMAS * (cause.onset_sigma_s or 0.0) > times_of_change(best.t)[0]
-
-
-def _by_its_onset(best: BestEstimate, cause: Cause) -> float:
-    """The probability that a sensor has a fault since then, by a piece that has more of what came after."""
-    sigma = cause.onset_sigma_s or 0.0
-    near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + num.SIGMAS * sigma]
+    None where the onset does not lie so far within it that it shows there.
+    """
+    unsure = num.SIGMAS * (cause.onset_sigma_s or 0.0)
+    if cause.onset_s - unsure <= times_of_change(best.t)[0]:
+        return None
+    near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + unsure]
     whose = "imu" if cause.side == "imu" else cause.sensor
     return max((probabilities(rivals)[whose] for rivals in (best.further, *(one.rivals for one in near))), default=0.0)
 
@@ -410,7 +394,7 @@ def _reads_again(cause: Cause, flight: Flight) -> bool:
     for track in tracks:
         newest = track.t > track.t[-1] - healthy.STUCK_S * still_window_s(track)
         for sensor in sensors:
-            readings = (track.gyro if sensor == "gyro" else track.accel)[newest]
+            readings = read_by(track, sensor)[0][newest]
             if len(readings) < 2 or unchanged(readings)[:, axes].all(axis=0).any():
                 return False
     return bool(tracks)

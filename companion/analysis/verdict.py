@@ -112,7 +112,8 @@ def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding
     return shares
 
 
-_WHOSE = {"imu": "the IMU", "autopilot": "the autopilot's estimate", "nobody": "no fault"}
+WHOSE = {"imu": "the IMU", "autopilot": "the autopilot's estimate", "nobody": "no fault"}
+SUSPECT: Mapping[str, Status] = {"imu": "imu_suspect", "autopilot": "autopilot_suspect"}
 
 
 def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
@@ -128,7 +129,7 @@ def _as_sure(verdict: Verdict, shares: Mapping[str, float]) -> Verdict:
     own, other = cause.side, max(sides.keys() - {cause.side}, key=lambda side: sides[side])
     if sides[own] >= priors.ACCUSED:
         return verdict
-    two = f"{_WHOSE[own]} from {_WHOSE[other]} ({percent(sides[own])} / {percent(sides[other])})"
+    two = f"{WHOSE[own]} from {WHOSE[other]} ({percent(sides[own])} / {percent(sides[other])})"
     errors = [f for f in verdict.findings if f.severity == "error" and f.side == own]
     first = headline_of(next(f for f in errors if stated_cause(f) == cause))
     doubted = (replace(f, side="data", severity="warning", undecided=True, cause=None) for f in errors)
@@ -162,18 +163,15 @@ def _decided(
     lacking = _lacking(findings, lost, bool(causes), why_too_little)
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
-    many = [one for one in agreements[1:] if one.windows >= num.MANY_WINDOWS]
-    enough = [judged] if judged.windows >= num.MIN_WINDOWS else []
-    worst = min([*enough, *many], key=lambda one: one.share, default=None)
+    enough = [one for one in agreements if one.windows >= (num.MIN_WINDOWS if one is judged else num.MANY_WINDOWS)]
+    worst = min(enough, key=lambda one: one.share, default=None)
     if causes:
         first = _first(causes)
-        whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
-        status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = stated_cause(first)
-        summary = f"Suspect {whom}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        summary = f"Suspect {WHOSE[first.side]}: {headline_of(first)}{_how_sure(cause)}.{_then(cause, lost)}"
         if judged.share == 1.0:  # what goes off slowly, or on an IMU not in use, shows beside the other sensors alone
             summary += f" {source} and the autopilot nevertheless agree: {judged}."
-        return Verdict(status, summary, findings, cause)
+        return Verdict(SUSPECT[first.side], summary, findings, cause)
     doubt = _doubt(worst, findings, best, probability.get("imu", 0.0))
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
@@ -232,9 +230,9 @@ def _not_excluded(best: BestEstimate) -> str:
     """
     ranges = []
     for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
-        kind = hypothesis_of(f"{sensor}_bias")
-        shown = best.detectable.get(kind.name, kind.harmful("step"))
-        low, high = (f"{size * scale:.{decimals}f}" for size in (kind.harmful("step"), shown))
+        harms = hypothesis_of(f"{sensor}_bias").harmful("step")
+        shown = best.detectable.get(f"{sensor}_bias", harms)
+        low, high = (f"{size * scale:.{decimals}f}" for size in (harms, shown))
         if high != low:
             ranges.append(f"{'an' if sensor == 'accel' else 'a'} {SENSOR_WORDS[sensor]} bias of {low}-{high} {unit}")
     return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
@@ -246,9 +244,8 @@ def _lacking(
     """Why nothing can be judged; None where it can. why_too_little: why windows and estimate do not tell, or ""."""
     if not has_cause and (misled := next((f for f in lost if f.undecided), None)):
         return f"Loss of control: {misled.evidence}. No sensor fault was found before that."
-    data = [f for f in findings if f.side == "data" and f.severity == "error"]
-    if data:
-        return f"Cannot tell: {data[0].evidence}."
+    if data := next((f.evidence for f in findings if f.side == "data" and f.severity == "error"), ""):
+        return f"Cannot tell: {data}."
     if not why_too_little:
         return None
     undecided = next((f"{f.evidence}; " for f in findings if f.undecided), "")
@@ -261,8 +258,7 @@ def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEst
 
     imu: the probability that one is at fault: what harmed nothing yet, or is not known well enough.
     """
-    undecided = next((f.evidence for f in findings if f.undecided), None)
-    if undecided is not None:
+    if undecided := next((f.evidence for f in findings if f.undecided), ""):
         return undecided
     if worst is None or worst.is_consistent:
         return f"an IMU is at fault with a probability of {percent(imu)}" if imu > 1.0 - priors.ACCUSED else None
@@ -336,7 +332,7 @@ class LiveVerdict:
     @property
     def is_alarm(self) -> bool:
         """Whether somebody was suspect, when its data were new."""
-        return self.status in ("imu_suspect", "autopilot_suspect")
+        return self.status in SUSPECT.values()
 
     @property
     def is_stale(self) -> bool:

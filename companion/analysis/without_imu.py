@@ -9,10 +9,19 @@ import numpy as np
 
 from companion.analysis.deviations import at_first, beyond_the_sphere, least_deviation
 from companion.analysis.fault_interval import DEVIATION_UNITS
-from companion.analysis.finding import Finding, are_near, by_severity, runs
+from companion.analysis.finding import Finding, are_near, by_severity, spans
 from companion.analysis.findings import autopilot_findings, with_reports
-from companion.analysis.phases import flown, in_control, judged_parts, phases
-from companion.analysis.reference import BoolArray, IntArray, Limits, known_at, length, reference_at, wrapped
+from companion.analysis.phases import flight_of, in_control, judged_parts, phases
+from companion.analysis.reference import (
+    BoolArray,
+    IntArray,
+    Limits,
+    known_at,
+    length,
+    reference_at,
+    within_any,
+    wrapped,
+)
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
 from companion.estimation import CONSTANTS
@@ -25,14 +34,11 @@ class _Apart:
     """By how much the autopilot is off an aiding sensor."""
 
     quantity: str  # of healthy.AP_SIGMA
-    sensor: str  # "gps", "compass"
+    sensor: str  # "GPS", "compass"
     source: str
     t: Array  # (N,) s
     off: Array  # (N,) rad, m/s, m; NaN where it is not known
     least: Array  # (N,) from which on it is more than both may be off by
-
-
-_NAMES = {"gps": "GPS", "compass": "compass"}
 
 
 def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | None:
@@ -82,18 +88,14 @@ def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
     moved = np.where((known & judged)[:, None], moved, np.nan)
     swift = length(speed[:, :2])
     pull = np.interp(t, position.t, length(np.gradient(position.velocity[:, :2], position.t, axis=0)))  # m/s²
-    sigma = {
-        "position": np.hypot(np.nan_to_num(gps.horizontal_sigma), late * swift),
-        "height": np.hypot(np.nan_to_num(gps.vertical_sigma), healthy.GPS_HEIGHT_WANDER_M),
-        "velocity": np.hypot(np.nan_to_num(gps.speed_sigma), late * pull),
-    }
-    off = {
-        "position": length(moved[:, :2]),
-        "height": np.abs(moved[:, 2]),
-        "velocity": np.where(known & judged, length(speed[:, :2] - gps.velocity[:, :2]), np.nan),
-    }
-    for quantity, value in off.items():
-        yield _Apart(quantity, "gps", gps.source, t, value, least_deviation(quantity, sigma[quantity]))
+    faster = np.where(known & judged, length(speed[:, :2] - gps.velocity[:, :2]), np.nan)
+    for quantity, off, reported, wanders in (
+        ("position", length(moved[:, :2]), gps.horizontal_sigma, late * swift),
+        ("height", np.abs(moved[:, 2]), gps.vertical_sigma, np.full(len(t), healthy.GPS_HEIGHT_WANDER_M)),
+        ("velocity", faster, gps.speed_sigma, late * pull),
+    ):
+        least = least_deviation(quantity, np.hypot(np.nan_to_num(reported), wanders))
+        yield _Apart(quantity, "GPS", gps.source, t, off, least)
 
 
 def _off_compass(flight: Flight, limits: Limits) -> Iterator[_Apart]:
@@ -119,32 +121,28 @@ def _judged(flight: Flight, t: Array) -> tuple[IntArray, BoolArray]:
     On a bench where nothing says that it flew.
     """
     parts = phases(flight)
-    several = judged_parts(parts)
-    inside = np.any([(t >= part.start) & (t <= part.end) for part in several], axis=0) if several else t < t[:1]
-    controlled = np.any([(t >= begin) & (t <= end) for begin, end in in_control(parts)], axis=0)
-    return np.searchsorted([begin for begin, _ in flown(parts)][1:], t, side="right"), np.asarray(inside & controlled)
+    inside = within_any(t, [(part.start, part.end) for part in judged_parts(parts)])
+    return flight_of(parts, t), inside & within_any(t, in_control(parts))
 
 
 def _place(gps: GpsTrack) -> Array:
     """(N, 3) NED, m, about the first fix; NaN without a fix."""
-    fixed = np.flatnonzero(np.isfinite(gps.latitude) & np.isfinite(gps.height))
-    first = int(fixed[0]) if len(fixed) else 0
+    first = int(np.argmax(np.isfinite(gps.latitude) & np.isfinite(gps.height)))
     about = float(gps.latitude[first]), float(gps.longitude[first]), float(gps.height[first])
     return ned_from_geodetic(gps.latitude, gps.longitude, gps.height, about)
 
 
 def _disagreements(one: _Apart) -> Iterator[Finding]:
     unit, scale = DEVIATION_UNITS[one.quantity]
-    for first, last in runs(np.asarray(one.off > one.least)):
-        begin, end = float(one.t[first]), float(one.t[last])
+    for begin, end in spans(one.t, np.asarray(one.off > one.least)):
         if end - begin >= healthy.DEVIATION_S[one.quantity]:
-            most = scale * float(one.off[first : last + 1].max())
+            most = scale * float(one.off[(one.t >= begin) & (one.t <= end)].max())
             evidence = (
-                f"the autopilot's {one.quantity} is up to {most:.1f}{unit} off the {_NAMES[one.sensor]}, "
+                f"the autopilot's {one.quantity} is up to {most:.1f}{unit} off the {one.sensor}, "
                 f"from {begin:.1f} to {end:.1f} s ({one.source})"
             )
             advice = "Without an IMU it cannot be told which of the two is wrong: have the IMU logged as well."
-            kind = f"{one.sensor}_disagrees"
+            kind = f"{one.sensor.lower()}_disagrees"
             yield Finding(kind, "autopilot", "warning", begin, end, evidence, advice, undecided=True)
 
 
@@ -152,5 +150,5 @@ def _agreement(one: _Apart) -> str:
     """How far the two agree, in words; "" where they do not."""
     unit, scale = DEVIATION_UNITS[one.quantity]
     most = float(np.nanpercentile(one.off, check.AGREES_PERCENTILE))
-    name = _NAMES[one.sensor]
-    return f"{one.quantity} within {scale * most:.1f}{unit} of the {name}" if most < np.median(one.least) else ""
+    agree = f"{one.quantity} within {scale * most:.1f}{unit} of the {one.sensor}"
+    return agree if most < np.median(one.least) else ""

@@ -12,7 +12,7 @@ from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
 from companion.analysis.attribution import fault_probability, findings_of, follows, possible_error
 from companion.analysis.comparison import compare
-from companion.analysis.deviations import called_and_possible, estimator_deviations
+from companion.analysis.deviations import called_and_possible
 from companion.analysis.fault_interval import (
     EstimatorDeviation,
     FaultInterval,
@@ -33,6 +33,13 @@ from tests.flights import turned
 
 ONSET = 30.0
 NORTH, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+def estimator_deviations(
+    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
+) -> tuple[EstimatorDeviation, ...]:
+    called, _ = called_and_possible(flight, best, limits, tilted)
+    return called
 
 
 def headed(flight: Flight, degrees: float) -> Flight:

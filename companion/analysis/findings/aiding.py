@@ -5,15 +5,15 @@ Such readings are taken out, and the rest is judged as before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from companion.analysis.finding import Finding, grouped, standing_still
+from companion.analysis.finding import Finding, Span, ends_of, grouped, standing_still
 from companion.analysis.phases import ON_THE_GROUND, in_the_air
-from companion.analysis.reference import BoolArray, length
+from companion.analysis.reference import BoolArray, length, window, within
 from companion.constants import check, harm, healthy, priors
 from companion.model import (
     Array,
@@ -30,16 +30,10 @@ from companion.strapdown import preintegrate, quaternion
 
 _Track = CompassTrack | BarometerTrack | GpsTrack
 
+_KINDS: Mapping[type[_Track], str] = {CompassTrack: "compass", BarometerTrack: "barometer", GpsTrack: "gps"}
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sensor:
-    """One aiding sensor, as a test of it needs it."""
-
-    kind: str  # "compass", "barometer", "gps"
-    source: str
-    t: Array  # (N,) s
-    same: BoolArray  # (N-1,) whether a reading is the one before
-    reads: str  # in words, what a stretch of them is
+_READS = {"compass": "one field, or one of exactly the same length", "barometer": "one pressure", "gps": "one fix"}
+"""What a stretch of readings that do not change is, in words."""
 
 
 def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[Finding]]:
@@ -53,11 +47,11 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
     aloft = [(part.start, part.end) for part in in_the_air(flight)]
     faults: list[Finding] = []
 
-    def without(track: _Track, sensor: _Sensor) -> _Track:
+    def without(track: _Track) -> _Track:
         kept = np.ones(len(track), np.bool_)
-        for first, last in _frozen(sensor, aloft, flight, imu, track):
+        for first, last in _frozen(track, aloft, flight, imu):
             kept[first + 1 : last + 1] = False
-            faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
+            faults.append(_finding(track, float(track.t[first]), float(track.t[last])))
         if isinstance(track, BarometerTrack):
             coldest, hottest = healthy.BAROMETER_DEGC
             out = np.asarray((track.temperature < coldest) | (track.temperature > hottest))
@@ -68,17 +62,12 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
             faults.append(_inconsistent(track.source, float(track.t[first]), float(track.t[last])))
         return track if kept.all() else rows(track, kept)
 
-    left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
-    faults += [
-        _finding(_compass(one), float(one.t[0]), float(one.t[-1]))
-        for one in left_out
-        if any(_frozen(_compass(one), aloft, flight, imu, one))
-    ]
-    tracks: dict[str, Any] = {
-        "compasses": tuple(without(one, _compass(one)) for one in flight.compasses),
-        "barometers": tuple(filter(len, (without(one, _barometer(one)) for one in flight.barometers))),
-        "gps": tuple(without(one, _gps(one)) for one in flight.gps),
-    }
+    known = {one.source for one in flight.compasses}
+    left_out = [one for one in _constant(flight) if one.source not in known]
+    faults += [_finding(one, *ends_of(one.t)) for one in left_out if any(_frozen(one, aloft, flight, imu))]
+    tracks: dict[str, Any] = {"compasses": tuple(map(without, flight.compasses))}
+    tracks["barometers"] = tuple(filter(len, map(without, flight.barometers)))
+    tracks["gps"] = tuple(map(without, flight.gps))
     return (replace(flight, **tracks) if faults else flight), faults
 
 
@@ -89,42 +78,35 @@ def _constant(flight: Flight) -> Iterator[CompassTrack]:
             yield CompassTrack(one.t, one.values, one.source, one.instance)
 
 
-def _compass(track: CompassTrack) -> _Sensor:
-    size = length(track.field)
-    same = (np.diff(track.field, axis=0) == 0.0).all(axis=1)
-    same |= np.abs(np.diff(size)) < check.SYNTHETIC_FIELD * size[1:]
-    return _Sensor("compass", track.source, track.t, np.asarray(same), "one field, or one of exactly the same length")
-
-
-def _barometer(track: BarometerTrack) -> _Sensor:
-    readings = track.altitude if np.isnan(track.pressure).all() else track.pressure
-    return _Sensor("barometer", track.source, track.t, np.diff(readings) == 0.0, "one pressure")
-
-
-def _gps(track: GpsTrack) -> _Sensor:
+def _unchanged(track: _Track) -> BoolArray:
+    """(N-1,) whether a reading is the one before."""
+    if isinstance(track, CompassTrack):
+        size = length(track.field)
+        same = (np.diff(track.field, axis=0) == 0.0).all(axis=1)
+        return np.asarray(same | (np.abs(np.diff(size)) < check.SYNTHETIC_FIELD * size[1:]))
+    if isinstance(track, BarometerTrack):
+        return np.asarray(np.diff(track.altitude if np.isnan(track.pressure).all() else track.pressure) == 0.0)
     fixes = np.column_stack([track.latitude, track.longitude, track.height, track.velocity])
     same = (fixes[1:] == fixes[:-1]) | (np.isnan(fixes[1:]) & np.isnan(fixes[:-1]))
     fixed = (track.fix_type >= 3) & np.isfinite(track.latitude)
-    return _Sensor("gps", track.source, track.t, np.asarray(same.all(axis=1) & fixed[1:] & fixed[:-1]), "one fix")
+    return np.asarray(same.all(axis=1) & fixed[1:] & fixed[:-1])
 
 
-def _frozen(
-    sensor: _Sensor, aloft: Sequence[tuple[float, float]], flight: Flight, imu: ImuTrack | None, track: _Track
-) -> Iterator[tuple[int, int]]:
+def _frozen(track: _Track, aloft: Sequence[Span], flight: Flight, imu: ImuTrack | None) -> Iterator[tuple[int, int]]:
     """First and last reading of the stretches in flight in which a sensor is frozen.
 
     Of a vehicle on the ground a receiver may hold its fix while it stands (u-blox: static hold).
     """
-    t = sensor.t
-    holds = sensor.kind == "gps" and flight.vehicle.type in ON_THE_GROUND
+    t, whole = track.t, _unchanged(track)
+    holds = isinstance(track, GpsTrack) and flight.vehicle.type in ON_THE_GROUND
     for begin, end in aloft:
         i, j = (int(at) for at in np.searchsorted(t, (begin, end)))
-        same = sensor.same[i : max(j - 1, i)]
+        same = whole[i : max(j - 1, i)]
         for a, b in standing_still(same, t[i:], healthy.EKF_UNFED_S):
             p = _share(np.delete(same, slice(a, b)))
             by_chance = np.log(len(same)) + (b - a) * np.log(p) >= np.log(priors.FALSE_ALARM)
             no_chance = p < check.REPEATS_SELDOM and not by_chance and not holds
-            if no_chance or _should_have_changed(sensor.kind, track, slice(i + a, i + b + 1), flight, imu):
+            if no_chance or _should_have_changed(track, slice(i + a, i + b + 1), flight, imu):
                 yield i + a, i + b
 
 
@@ -154,22 +136,18 @@ def _out_of_range(track: BarometerTrack, out: BoolArray) -> Iterator[Finding]:
     t, warm, height = track.t[out], track.temperature[out], track.altitude[out]
     if len(t) < 2 or t[-1] - t[0] < healthy.EKF_UNFED_S:
         return
-    evidence = (
-        f"the barometer ({track.source}) reads {warm.min():.0f} to {warm.max():.0f} °C, which none is made for, and "
-        f"heights of {height.min():.0f} to {height.max():.0f} m: left out there"
-    )
+    reads = f"the barometer ({track.source}) reads {warm.min():.0f} to {warm.max():.0f} °C, which none is made for"
+    evidence = f"{reads}, and heights of {height.min():.0f} to {height.max():.0f} m: left out there"
     advice = "The sensor, its bus or its calibration is damaged: replace it. No autopilot can hold a height with it."
-    yield Finding("barometer_out_of_range", "data", "warning", float(t[0]), float(t[-1]), evidence, advice)
+    yield Finding("barometer_out_of_range", "data", "warning", *ends_of(t), evidence, advice)
 
 
 def _inconsistent(source: str, begin: float, end: float) -> Finding:
-    evidence = (
-        f"the GPS ({source}) contradicts itself from {begin:.1f} to {end:.1f} s: its positions do not move as "
-        "its velocities say; left out there, position and velocity could not be verified"
-    )
-    advice = (
-        "Jamming, reflected signals or a receiver that fails: look at its signal strengths and at transmitters nearby."
-    )
+    itself = f"the GPS ({source}) contradicts itself from {begin:.1f} to {end:.1f} s"
+    left_out = "left out there, position and velocity could not be verified"
+    evidence = f"{itself}: its positions do not move as its velocities say; {left_out}"
+    look = "look at its signal strengths and at transmitters nearby"
+    advice = f"Jamming, reflected signals or a receiver that fails: {look}."
     unsure = end - begin > harm.GPS_OUTAGE_S
     return Finding("gps_inconsistent", "data", "warning", begin, end, evidence, advice, undecided=unsure)
 
@@ -187,28 +165,26 @@ def _share(same: BoolArray) -> float:
     return float((same[: blocks * size].reshape(blocks, size).sum(axis=1).max() + 1.0) / (size + 2.0))
 
 
-def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack | None) -> bool:
+def _should_have_changed(track: _Track, part: slice, flight: Flight, imu: ImuTrack | None) -> bool:
     """Whether another sensor says that the readings had to change by many steps in a stretch."""
-    begin, end = float(track.t[part][0]), float(track.t[part][-1])
+    (begin, end), steps = ends_of(track.t[part]), check.FROZEN_STEPS * healthy.COARSEST_STEP[_KINDS[type(track)]]
     if isinstance(track, GpsTrack):
         speed = float(np.nan_to_num(length(np.nan_to_num(track.velocity[part])))[0])
-        return speed > harm.FROZEN_MPS and speed * (end - begin) > check.FROZEN_STEPS * healthy.COARSEST_STEP[kind]
-    fixes = [(one, (one.t >= begin) & (one.t <= end) & (one.fix_type >= 3)) for one in flight.gps]
+        return speed > harm.FROZEN_MPS and speed * (end - begin) > steps
+    fixes = [(one, within(one.t, (begin, end)) & (one.fix_type >= 3)) for one in flight.gps]
     if isinstance(track, BarometerTrack):
         heights = [one.height[at][np.isfinite(one.height[at])] for one, at in fixes]
-        least = check.FROZEN_STEPS * healthy.COARSEST_STEP[kind] + 3.0 * healthy.GPS_HEIGHT_WANDER_M
+        least = steps + 3.0 * healthy.GPS_HEIGHT_WANDER_M
         return any(len(h) > 2 and float(np.subtract(*np.percentile(h, [90, 10]))) > least for h in heights)
     moves = [np.nanmedian(length(one.velocity[at][:, :2])) for one, at in fixes if at.any()]
-    return any(speed > harm.FROZEN_MPS for speed in moves) and _turned(track.field[part][0], imu, begin, end) > (
-        check.FROZEN_STEPS * healthy.COARSEST_STEP[kind]
-    )
+    return any(speed > harm.FROZEN_MPS for speed in moves) and _turned(track.field[part][0], imu, begin, end) > steps
 
 
 def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> float:
     """By how much the gyro says that a field (3,) had to change in the body between two times (s), in its unit."""
     if imu is None:
         return 0.0
-    during = slice(*np.searchsorted(imu.t, (begin, end)).tolist())
+    during = window(imu.t, begin, end)
     if during.stop - during.start < 3:
         return 0.0
     rate = imu.gyro[during]  # a bias turns nothing
@@ -217,8 +193,9 @@ def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> flo
     return float(length(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to(field, (len(q), 3))) - field).max())
 
 
-def _finding(sensor: _Sensor, begin: float, end: float) -> Finding:
-    name = "GPS" if sensor.kind == "gps" else sensor.kind
-    evidence = f"the {name} ({sensor.source}) reads {sensor.reads} for {end - begin:.1f} s in flight: left out there"
+def _finding(track: _Track, begin: float, end: float) -> Finding:
+    kind = _KINDS[type(track)]
+    who = f"the {'GPS' if kind == 'gps' else kind} ({track.source})"
+    evidence = f"{who} reads {_READS[kind]} for {end - begin:.1f} s in flight: left out there"
     advice = "The sensor, its driver or its bus has stopped while its messages go on. Look at its wiring and power."
-    return Finding(f"{sensor.kind}_frozen", "data", "warning", begin, end, evidence, advice)
+    return Finding(f"{kind}_frozen", "data", "warning", begin, end, evidence, advice)

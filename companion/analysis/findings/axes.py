@@ -15,10 +15,10 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding
+from companion.analysis.finding import Cause, Finding, ends_of
 from companion.analysis.findings.settings import board_orientation, compass_orientation, is_internal, mended
 from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
-from companion.analysis.reference import length, turn_between
+from companion.analysis.reference import BoolArray, length, turn_between
 from companion.constants import check, harm, healthy, num
 from companion.estimation import BestEstimate, Reading, TurnedCompass, righted, turned_compasses
 from companion.model import (
@@ -51,6 +51,15 @@ class _Motion:
     pull: Array  # of its velocity, less gravity
     accel: Array
 
+    def misfit(self, rotation: Array) -> tuple[float, float]:
+        """Median over windows for forces, g, and turns, rad/s, of readings that are turned by a rotation (3, 3)."""
+        forces, turns = self.pull - self.accel @ rotation.T, self.turn - self.gyro @ rotation.T
+        return float(np.median(length(forces))), float(np.median(length(turns)))
+
+    def only(self, used: BoolArray) -> _Motion:
+        """Some of the windows (M,)."""
+        return _Motion(self.turn[used], self.gyro[used], self.pull[used], self.accel[used])
+
 
 def meaning_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
     """The IMU's readings are not what they are taken for: of other units, or of other axes."""
@@ -62,7 +71,8 @@ def meaning_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding
     fitting = None if units else _fitting(motion)
     if fitting is not None:
         turn, how = fitting
-        alone = any(_agrees(_beside(track, other), turn) for other in _others(flight, track))
+        beside = [motion for other in _others(flight, track) if (motion := _beside(track, other)) is not None]
+        alone = any(sum(motion.misfit(turn.T)) < harm.AXES_MISFIT for motion in beside)  # read as one turned so
         yield _wrong(track, how, _mending(flight, track, turn, alone=alone))
 
 
@@ -128,10 +138,7 @@ def _which_is_turned(flight: Flight, track: ImuTrack, turn: Array) -> str:
     for other in _others(flight, track):
         if (motion := _beside(track, other)) is None:
             continue
-        as_imu, as_compass = (
-            sum(_misfit(motion.pull, motion.accel, motion.turn, motion.gyro, rotation))
-            for rotation in (np.eye(3), quaternion.to_matrix(turn))
-        )
+        as_imu, as_compass = (sum(motion.misfit(rotation)) for rotation in (np.eye(3), quaternion.to_matrix(turn)))
         if min(as_imu, as_compass) < min(harm.AXES_MISFIT, check.ORIENTATION_BETTER * max(as_imu, as_compass)):
             said.add("compass" if as_imu < as_compass else "imu")
     return said.pop() if len(said) == 1 else ""
@@ -144,12 +151,10 @@ def _finding(flight: Flight, one: TurnedCompass, best: BestEstimate, which: str)
     sure = which == "compass" or _gravity_tells(best, turn)
     board = board_orientation(flight)
     compass = mended(flight, compass_orientation(flight, one.instance), turn, board if internal else "")
-    words = (
-        f"the compass ({one.source}){' is turned' if sure else ' and the IMU are turned against each other'} by "
-        f"{orientation_name(one.orientation)} since the start of the log: so turned, its readings are "
-        f"{np.degrees(one.left):.0f}° off the Earth's field, as they are {np.degrees(one.off):.0f}°"
-    )
-    begin, end = float(best.t[0]), float(best.t[-1])
+    who = f"the compass ({one.source}) {'is turned' if sure else 'and the IMU are turned against each other'}"
+    how = f"{who} by {orientation_name(one.orientation)} since the start of the log"
+    better = f"{np.degrees(one.left):.0f}° off the Earth's field, as they are {np.degrees(one.off):.0f}°"
+    words, (begin, end) = f"{how}: so turned, its readings are {better}", ends_of(best.t)
     if not sure:
         evidence = f"{words}; which of them sits so, or is set so, cannot be told by their readings"
         if flight.vehicle.type in UPRIGHT and flown(phases(flight)):
@@ -184,14 +189,6 @@ def _others(flight: Flight, track: ImuTrack) -> list[ImuTrack]:
     return [one for one in flight.each_imu() if one.instance != track.instance]
 
 
-def _agrees(motion: _Motion | None, turn: Array) -> bool:
-    """Whether what is moved (see `_beside`) reads as an IMU does that is turned by a rotation (3, 3)."""
-    if motion is None:
-        return False
-    forces, turns = _misfit(motion.pull, motion.accel, motion.turn, motion.gyro, turn.T)
-    return forces + turns < harm.AXES_MISFIT
-
-
 def _mending(flight: Flight, track: ImuTrack, turn: Array, *, alone: bool) -> str:
     """What to set so that an IMU whose readings a rotation (3, 3) takes into the body is read so.
 
@@ -202,10 +199,8 @@ def _mending(flight: Flight, track: ImuTrack, turn: Array, *, alone: bool) -> st
         mending = mended(flight, name, quaternion.from_matrix(turn))
         return f"Set {mending}, as the board is mounted, and calibrate again."
     own = f"CAL_GYRO{track.instance}_ROT and CAL_ACC{track.instance}_ROT, if it is external, or "
-    return (
-        f"Another IMU of the vehicle is not turned, so {name} is right: "
-        f"look at {own if name == 'SENS_BOARD_ROT' else ''}how this IMU's own driver is told to turn it."
-    )
+    look = f"look at {own if name == 'SENS_BOARD_ROT' else ''}how this IMU's own driver is told to turn it"
+    return f"Another IMU of the vehicle is not turned, so {name} is right: {look}."
 
 
 def _motion(comparison: Comparison) -> _Motion | None:
@@ -242,15 +237,12 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
         if times is None or max(times, 1.0 / times) < check.UNIT_MIN_FACTOR:
             continue
         meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < check.UNIT_TOLERANCE)
-        evidence = (
-            f"{SENSOR_WORDS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's "
-            f"estimate, about every axis alike: {next(meant, 'as the counts of a converter would')}"
-        )
-        advice = (
-            f"Mend the units where {track.source} is sent: MAVLink has mrad/s and thousandths of g in SCALED_IMU and "
-            "RAW_IMU, rad/s and m/s² in HIGHRES_IMU. Until then take another IMU: --imu."
-        )
-        yield Finding("units_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), evidence, advice)
+        reads = f"{SENSOR_WORDS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]}"
+        alike = f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
+        evidence = f"{reads} by the autopilot's estimate, {alike}"
+        mavlink = "MAVLink has mrad/s and thousandths of g in SCALED_IMU and RAW_IMU, rad/s and m/s² in HIGHRES_IMU"
+        advice = f"Mend the units where {track.source} is sent: {mavlink}. Until then take another IMU: --imu."
+        yield Finding("units_wrong", "imu", "error", *ends_of(track.t), evidence, advice)
 
 
 def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
@@ -290,27 +282,23 @@ def _fitting(motion: _Motion) -> tuple[Array, str] | None:
     force is that of its velocity, less gravity.
     """
     moved = length(motion.turn) + length(motion.pull[:, :2])
-    busy = moved >= np.median(moved)  # at rest every heading fits
-    turn, gyro, pull, accel = (one[busy] for one in (motion.turn, motion.gyro, motion.pull, motion.accel))
-    misfit = {name: _misfit(pull, accel, turn, gyro, r) for name, r in _ROTATIONS.items()}
+    motion = motion.only(moved >= np.median(moved))  # at rest every heading fits
+    misfit = {name: motion.misfit(rotation) for name, rotation in _ROTATIONS.items()}
     total = {name: sum(parts) for name, parts in misfit.items()}
     best = min(total, key=lambda name: total[name])
     own = total["x y z"]
     # where little is wrong, turns and forces both have to say so: else it is a bias
-    both = all(
-        better < 0.5 * worse or worse < healthy.AXES_MISFIT
-        for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
-    )
+    pairs = zip(misfit[best], misfit["x y z"], strict=True)
+    both = all(better < 0.5 * worse or worse < healthy.AXES_MISFIT for better, worse in pairs)
     if total[best] < 0.3 * own and (own > harm.AXES_MISFIT or (own > harm.AXES_MIN_MISFIT and both)):
-        names = best.replace(" ", ", ")
-        better = own / total[best]
+        names, better = best.replace(" ", ", "), own / total[best]
         how = f"forward, right, down are the IMU's ({names}): so the readings fit {better:.0f} times better"
         return _ROTATIONS[best], how
-    free = _wahba(np.concatenate([turn, pull]), np.concatenate([gyro, accel]))
+    free = _wahba(np.concatenate([motion.turn, motion.pull]), np.concatenate([motion.gyro, motion.accel]))
     if free is None:
         return None
     angle = quaternion.log(quaternion.from_matrix(free))
-    forces, turns = _misfit(pull, accel, turn, gyro, free)
+    forces, turns = motion.misfit(free)
     # a tilted board and an offset of the accelerometer look alike in level flight: the turns have to say so
     if not (
         length(angle) > healthy.TRIM_RAD
@@ -339,7 +327,7 @@ def _beside(track: ImuTrack, other: ImuTrack) -> _Motion | None:
     if full.sum() < check.AXES_MIN_WINDOWS:
         return None
     (turn, pull), (gyro, accel) = means
-    return _Motion(turn[full], gyro[full], pull[full], accel[full])
+    return _Motion(turn, gyro, pull, accel).only(full)
 
 
 def misread_finding(track: ImuTrack, reading: Reading, best: BestEstimate) -> Finding:
@@ -350,7 +338,7 @@ def misread_finding(track: ImuTrack, reading: Reading, best: BestEstimate) -> Fi
 
 
 def _wrong(track: ImuTrack, evidence: str, advice: str) -> Finding:
-    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), evidence, advice)
+    return Finding("axes_wrong", "imu", "error", *ends_of(track.t), evidence, advice)
 
 
 def _wahba(body: Array, imu: Array) -> Array | None:
@@ -362,11 +350,6 @@ def _wahba(body: Array, imu: Array) -> Array | None:
     if size[1] < 0.01 * size[0]:  # all vectors along one line
         return None
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(v)]) @ v)
-
-
-def _misfit(pull: Array, accel: Array, turn: Array, gyro: Array, rotation: Array) -> tuple[float, float]:
-    """Median over windows for forces, g, and turns, rad/s."""
-    return float(np.median(length(pull - accel @ rotation.T))), float(np.median(length(turn - gyro @ rotation.T)))
 
 
 def _rotations() -> dict[str, Array]:

@@ -15,17 +15,18 @@ from companion.analysis.attribution import findings_of, possible_error
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
-from companion.analysis.deviations import called_and_possible, estimator_deviations, known_biases
+from companion.analysis.deviations import called_and_possible, known_biases
 from companion.analysis.fault_interval import fault_intervals
-from companion.analysis.finding import Cause, Finding, are_near, by_severity
+from companion.analysis.finding import Cause, Finding, are_near, by_severity, ends_of
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import installation, installation_findings
 from companion.analysis.findings.outages import (
+    interference_findings,
     jump_findings,
     jumps_without_imu,
     outage_findings,
-    receiver_findings,
+    poor_gps_findings,
     reset_findings,
 )
 from companion.analysis.findings.readings import lags, rate_findings, reading_findings, stamp_findings
@@ -35,7 +36,7 @@ from companion.analysis.findings.vibration import noise_findings, noisier_findin
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import aligned_at, landed_at, phases, unjudged
-from companion.analysis.reference import Limits
+from companion.analysis.reference import Limits, window, within
 from companion.constants import check, healthy, num
 from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Flight, ImuTrack, Phase, Series
@@ -74,7 +75,8 @@ def leans_in_vain(flight: Flight, best: BestEstimate, limits: Limits, tilted: tu
     """
 
     def leans(tilted: tuple[float, float]) -> bool:
-        return any(one.quantity == "tilt" for one in estimator_deviations(flight, best, limits, tilted))
+        called, _ = called_and_possible(flight, best, limits, tilted)
+        return any(one.quantity == "tilt" for one in called)
 
     return any(tilted) and leans(tilted) and not leans((0.0, 0.0))
 
@@ -120,10 +122,16 @@ def autopilot_findings(flight: Flight, limits: Limits) -> tuple[Flight, list[Fin
     if tracks:
         received = max(tracks, key=len)
         all_findings += outage_findings(flight, received, np.diff(received) > limits.longest_step(received))
-    all_findings += [*receiver_findings(flight), *jumps_without_imu(flight, limits), *reset_findings(flight)]
+    all_findings += [*interference_findings(flight), *poor_gps_findings(flight)]
+    all_findings += [*jumps_without_imu(flight, limits), *reset_findings(flight)]
     judged = [with_reports(f, flight) for f in when_lost(all_findings, flight, None, parts, GENERIC)]
-    landed = landed_at(parts) - check.HEARTBEAT_S
-    return flight, [f if f.start_s < landed else replace(f, severity="info", undecided=False) for f in judged]
+    return flight, _until_landed(judged, landed_at(parts))
+
+
+def _until_landed(findings: Iterable[Finding], landed: float) -> list[Finding]:
+    """The findings, those from the last landing (s) on as information alone."""
+    before = landed - check.HEARTBEAT_S
+    return [f if f.start_s < before else replace(f, severity="info", undecided=False) for f in findings]
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
@@ -173,11 +181,9 @@ def findings(
     if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison.track))
     landed, limits = landed_at(phases(flight)), comparison.how.limits
-    jumps = [
-        f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
-        for f in jump_findings(comparison, flight)
-    ]
-    all_findings += [*outage_findings(flight, comparison.track.t, comparison.gaps), *receiver_findings(flight)]
+    jumps = _until_landed(jump_findings(comparison, flight), landed)
+    all_findings += outage_findings(flight, comparison.track.t, comparison.gaps)
+    all_findings += [*interference_findings(flight), *poor_gps_findings(flight)]
     all_findings += noise_findings(comparison, noise, imu_spec, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # invalid readings are no noise
@@ -199,19 +205,16 @@ def findings(
         more, jumps = findings_by_estimate(flight, best, limits, (all_findings, faults, jumps), landed, tilted)
         all_findings += more
     all_findings += jumps
-    t = comparison.track.t
-    all_findings += constant_findings(constants, float(t[0]), float(t[-1]))
+    all_findings += constant_findings(constants, *ends_of(comparison.track.t))
     others = [*_of_other_imus(flight, comparison, faults), *turned]
     return without_consequences(flight, all_findings, others, turned), clean
 
 
 def _not_independent(track: ImuTrack) -> Finding:
-    evidence = (
-        f"the estimator's biases have been subtracted from {track.source}: it agrees with the autopilot "
-        "even where both are wrong"
-    )
+    taken = f"the estimator's biases have been subtracted from {track.source}"
+    evidence = f"{taken}: it agrees with the autopilot even where both are wrong"
     advice = "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log."
-    return Finding("not_independent", "data", "warning", float(track.t[0]), float(track.t[-1]), evidence, advice)
+    return Finding("not_independent", "data", "warning", *ends_of(track.t), evidence, advice)
 
 
 def when_lost(
@@ -227,18 +230,17 @@ def when_lost(
     lost, uncontrolled = [part for part in parts if part.kind == "impact"], unjudged(parts)
     end = flight.start + flight.duration if track is None else float(track.t[-1])
 
-    def within(f: Finding) -> bool:
-        return any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
-
-    kept = [f for f in all_findings if not within(f)]
+    kept = [
+        f for f in all_findings
+        if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
+    ]  # fmt: skip
     kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
     out: list[Finding] = []
     for part in lost:
-        clipping: Iterable[Finding] = ()
-        if track is not None:
-            falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
-            clipping = reading_findings(falling, flight.require_attitude(), imu_spec) if len(falling) > 1 else ()
-        tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
+        tumbling: list[Finding] = []
+        if track is not None and len(falling := track[window(track.t, part.start, part.end)]) > 1:
+            clipping = reading_findings(falling, flight.require_attitude(), imu_spec)
+            tumbling = [f for f in clipping if f.kind == "gyro_clipping"]
         out.append(_control_lost(flight, part, tumbling))
         # a gyro that reads no further as the vehicle tumbles is nobody's fault
         out += [replace(f, severity="warning", advice=_LOST, cause=None) for f in tumbling]
@@ -293,7 +295,8 @@ def without_consequences(
     own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
     constant = {f.kind for f in own if f.severity == "error" and f.cause is not None and f.cause.onset_sigma_s is None}
     own = [f for f in own if not (f.kind in constant and f.side == "data" and ALL_THE_TIME in f.evidence)]
-    own = [with_reports(f, flight) for f in own if not _follows(f, own)]
+    causes = [f for f in own if f.kind in _CAUSES or f.side == "data"]  # a frozen sensor looks biased, and misleads
+    own = [with_reports(f, flight) for f in own if f in causes or not is_led_to(f.start_s, f.end_s, own)]
     return by_severity([*misled(own), *others])
 
 
@@ -336,15 +339,6 @@ def misled(findings: Sequence[Finding]) -> list[Finding]:
     return out
 
 
-def _follows(finding: Finding, others: Sequence[Finding]) -> bool:
-    """Whether a finding is only what another fault looks like from elsewhere.
-
-    A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
-    """
-    own_cause = finding.kind in _CAUSES or finding.side == "data"
-    return not own_cause and is_led_to(finding.start_s, finding.end_s, others)
-
-
 def is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
     """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
     return any(
@@ -368,36 +362,30 @@ def with_reports(finding: Finding, flight: Flight) -> Finding:
     if finding.side != "autopilot" and not of_compass:
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
-    texts = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
-    texts += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
+    texts = [(one.t, one.text) for one in flight.texts]
+    texts += [(one.t, one.text) for one in flight.events if one.kind in {"error", "event"}]
     during = [
-        (t, text)
-        for t, text in texts
-        if begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text)
-    ]
+        (t, text) for t, text in texts
+        if (begin - check.BEFORE_S <= t <= end + check.AFTER_S or (of_compass and "mag anomaly" in text))
+        and any(word in text.lower() for word in _WORDS)
+    ]  # fmt: skip
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
     words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
     evidence = [finding.evidence]
     if words:
         evidence.append(f"the vehicle said {', '.join(list(words)[: check.MAX_QUOTED])}")
     estimator = flight.series.get("estimator")
-    reach = check.BEFORE_S
-    if estimator is not None and (ratio := _worst_ratio(estimator, begin - reach, end + reach)):
-        evidence.append(ratio)
+    if estimator is not None:
+        evidence += _worst_ratio(estimator, begin - check.BEFORE_S, end + check.BEFORE_S)
     return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
 
 
-def _speaks(text: str) -> bool:
-    return any(word in text.lower() for word in _WORDS)
-
-
-def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
+def _worst_ratio(estimator: Series, begin: float, end: float) -> Iterator[str]:
     """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
-    during = (estimator.t >= begin) & (estimator.t <= end)
+    during = within(estimator.t, (begin, end))
     columns = ((name, f"{name}_ratio") for name in ("velocity", "position", "height", "compass"))
     of_time = {name: estimator[column][during] for name, column in columns if column in estimator.columns}
     ratios = {name: float(np.nanmax(values)) for name, values in of_time.items() if np.isfinite(values).any()}
-    if not ratios:
-        return ""
-    worst = max(ratios, key=lambda name: ratios[name])
-    return f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)" if ratios[worst] >= 1 else ""
+    worst = max(ratios, key=lambda name: ratios[name], default="")
+    if ratios.get(worst, 0.0) >= 1:
+        yield f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)"

@@ -16,7 +16,7 @@ import numpy as np
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian, window_noise
 from companion.analysis.calibrate import Correction, lever_jacobian
 from companion.analysis.comparison import Comparison, Windows, errors, windows
-from companion.analysis.finding import Finding, Severity
+from companion.analysis.finding import Finding, Severity, ends_of
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.constants import check, harm, healthy
 from companion.model import Array, Flight, ImuTrack
@@ -70,7 +70,7 @@ def installation(comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec)
 
 def installation_findings(flight: Flight, track: ImuTrack, fitted: Installation) -> Iterator[Finding]:
     """What is said of how the IMU sits in the vehicle."""
-    begin, end = float(track.t[0]), float(track.t[-1])
+    begin, end = ends_of(track.t)
     if fitted.lag:
         evidence = f"the IMU lags {fitted.lag * 1e3:.1f} ± {fitted.lag_sigma * 1e3:.1f} ms behind the attitude"
         advice = "Usual: a low-pass of 20 Hz makes 12 ms. It matters in fast turns alone; the calibration takes it out."
@@ -78,13 +78,10 @@ def installation_findings(flight: Flight, track: ImuTrack, fitted: Installation)
     if fitted.mounting.any():
         severity: Severity = "warning" if np.linalg.norm(fitted.mounting) > harm.MOUNTING_RAD else "info"
         roll, pitch, yaw = np.degrees(fitted.mounting)
-        evidence = (
-            f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout"
-        )
-        advice = (
-            f"A board trim ({flight.settings.board_trim}) that the log does not "
-            "name, or the board sits askew. A flight that stays level cannot tell it from an accelerometer's offset."
-        )
+        turned = f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})°"
+        evidence = f"{turned} against the axes of the attitude, throughout"
+        trim = f"A board trim ({flight.settings.board_trim}) that the log does not name, or the board sits askew."
+        advice = f"{trim} A flight that stays level cannot tell it from an accelerometer's offset."
         yield Finding("mounting", "data", severity, begin, end, evidence, advice)
     if fitted.lever.any():
         x, y, z = fitted.lever
@@ -108,20 +105,13 @@ class _Residuals:
 
 def _residuals(comparison: Comparison) -> _Residuals:
     chosen = windows(comparison, check.SHORT_S)
-    window_errors = errors(comparison, chosen)
-    span = window_errors.end_s - window_errors.anchor_s
+    off = errors(comparison, chosen)
+    span = off.end_s - off.anchor_s
     ends = [comparison.reference.interpolation_error(i, comparison.path) for i in (chosen.start, chosen.end)]
-    return _Residuals(
-        chosen,
-        span,
-        window_errors.attitude,
-        window_errors.velocity,
-        comparison.growth(chosen),
-        window_noise(comparison.reading_means(chosen), comparison.track.rate_hz)
-        / np.sqrt(span[:, None])
-        * span[:, None],
-        np.sqrt(sum(np.column_stack([end.attitude, end.velocity]) ** 2 for end in ends)),
-    )
+    between = np.sqrt(sum(np.column_stack([end.attitude, end.velocity]) ** 2 for end in ends))
+    density = window_noise(comparison.reading_means(chosen), comparison.track.rate_hz)
+    noise = density / np.sqrt(span[:, None]) * span[:, None]
+    return _Residuals(chosen, span, off.attitude, off.velocity, comparison.growth(chosen), noise, between)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Cause, Finding, Severity, Span, grouped, runs
+from companion.analysis.finding import Cause, Finding, Severity, Span, ends_of, grouped, runs
 from companion.analysis.phases import aligned_at, in_the_air, phases
-from companion.analysis.reference import BoolArray, Limits, attitude_error, attitude_jumps, length, position_jumps
+from companion.analysis.reference import (
+    BoolArray,
+    Limits,
+    attitude_error,
+    attitude_jumps,
+    length,
+    position_jumps,
+    within,
+    within_any,
+)
 from companion.constants import check, harm, num
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack, of_kind
 from companion.strapdown import quaternion
@@ -79,13 +88,10 @@ def _position_findings(
         start, end = float(group[0, 0]), float(group[-1, 1])
         many = f"{len(group)} times in {end - start:.1f} s, by up to" if len(group) > 1 else "by"
         severity: Severity = "error" if start >= settled else "info"
-        evidence = (
-            f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s at "
-            f"{length(position.velocity[j]).max():.1f} m/s; {unfelt}"
-        )
-        advice = (
-            "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time."
-        )
+        steps_within = f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s"
+        evidence = f"{steps_within} at {length(position.velocity[j]).max():.1f} m/s; {unfelt}"
+        look = "Look at the GPS's satellites and at EKF messages of that time."
+        advice = f"A GPS glitch or a reset of the estimator. {look}"
         cause = Cause("position_jump", "autopilot", start, end, size=moved, unit="m")
         yield Finding("position_jump", "autopilot", severity, start, end, evidence, advice, cause=cause)
 
@@ -169,7 +175,7 @@ def _never_valid(flight: Flight) -> Iterator[Finding]:
     if estimator is None or "flags" not in estimator.columns or not parts:
         return
     flags, begin, end = estimator["flags"], parts[0].start, parts[-1].end
-    flags_in_flight = flags[np.isfinite(flags) & (estimator.t >= begin) & (estimator.t <= end)].astype(np.int64)
+    flags_in_flight = flags[np.isfinite(flags) & within(estimator.t, (begin, end))].astype(np.int64)
     if len(flags_in_flight) and not (flags_in_flight & check.POSITION_VALID).any():
         words = f"no valid position in flight, by the estimator's own flags ({estimator.source}): it is not judged"
         yield Finding("position_lost", "data", "info", begin, end, words, "")
@@ -206,7 +212,7 @@ def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
         for name, most in harm.GPS_POOR.items():
             poor |= getattr(one, name) > most
         for begin, end in _long(flight, one.t, poor):
-            during = (one.t >= begin) & (one.t <= end)
+            during = within(one.t, (begin, end))
             if (one.fix_type[during] < check.FIX_3D).all():
                 continue
             words = [f"{least:.0f} satellites" for least in [np.min(one.satellites[during])] if np.isfinite(least)]
@@ -224,19 +230,13 @@ _SIGMAS = {"horizontal_sigma": ("level", "m"), "vertical_sigma": ("height", "m")
 def _long(flight: Flight, t: Array, where: BoolArray) -> Iterator[Span]:
     """Stretches of more than 5 s in flight in which something is so, s; what is not so for less than a second is."""
     for part in in_the_air(flight):
-        inside = np.flatnonzero(where & (t >= part.start) & (t <= part.end))
+        inside = np.flatnonzero(where & within(t, (part.start, part.end)))
         apart = np.diff(t[inside])
         ends = (apart > harm.GPS_OUTAGE_S) | ((np.diff(inside) > 1) & (apart > check.GROUPED_S))
         for group in np.split(inside, np.flatnonzero(ends) + 1) if len(inside) else ():
-            begin, end = float(t[group[0]]), float(t[group[-1]])
+            begin, end = ends_of(t[group])
             if end - begin > harm.GPS_OUTAGE_S:
                 yield begin, end
-
-
-def receiver_findings(flight: Flight) -> Iterator[Finding]:
-    """What the receivers say themselves: that they are disturbed, or have no good fix."""
-    yield from interference_findings(flight)
-    yield from poor_gps_findings(flight)
 
 
 def interference_findings(flight: Flight) -> Iterator[Finding]:
@@ -247,14 +247,14 @@ def interference_findings(flight: Flight) -> Iterator[Finding]:
     one = next(of_kind(flight.series, "interference"), None)  # the selected receiver; its driver's topic says the same
     if one is None:
         return
-    nothing, parts = np.zeros(len(one.t)), in_the_air(flight)
-    columns = {name: np.nan_to_num(one[name]) for name in one.columns}
-    state = columns.get("jamming_state", nothing)
-    noisy = columns.get("jamming_indicator", nothing) >= harm.JAMMING
+    aloft = within_any(one.t, [(part.start, part.end) for part in in_the_air(flight)])
+    columns = dict.fromkeys(("jamming_state", "jamming_indicator", "spoofing_state"), np.zeros(len(one.t)))
+    columns |= {name: np.nan_to_num(one[name]) for name in one.columns}
+    state, noisy = columns["jamming_state"], columns["jamming_indicator"] >= harm.JAMMING
     jammed = (state >= check.JAMMED) | ((state == 0) & noisy)
     interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
-    for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= check.JAMMED)):
-        reports = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in parts)]
+    for words, where in (("jammed", jammed), ("spoofed", columns["spoofing_state"] >= check.JAMMED)):
+        reports = one.t[where & aloft].tolist()
         lasted = len(reports) * interval
         if lasted > harm.GPS_OUTAGE_S:
             evidence = f"the GPS ({one.source}) says that it is {words}, for {lasted:.1f} s"
@@ -265,12 +265,11 @@ def interference_findings(flight: Flight) -> Iterator[Finding]:
 def _lost(position: PositionTrack, span: Span, without_fix: Span | None) -> Finding:
     """A position that the autopilot lost; with the GPS outage that it lost it by."""
     begin, end = span
-    words = f"no position for {end - begin:.1f} s"
+    words, then = f"no position for {end - begin:.1f} s", "to the end"
     if end < position.t[-1]:
         i, j = np.searchsorted(position.t, [begin, end])
-        words += f", in which it moved by {length(position.position[j] - position.position[i]):.1f} m"
-    else:
-        words += ", to the end"
+        then = f"in which it moved by {length(position.position[j] - position.position[i]):.1f} m"
+    words = f"{words}, {then}"
     if without_fix is not None:
         words += f"; no GPS fix from {without_fix[0]:.1f} to {without_fix[1]:.1f} s"
     advice = "The estimator had lost its position: GPS outage. Windows over it are left out."

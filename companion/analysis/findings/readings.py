@@ -11,10 +11,10 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding, Severity, grouped, run_edges
+from companion.analysis.finding import Cause, Finding, Severity, ends_of, grouped, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import down_in_body
-from companion.analysis.reference import BoolArray, IntArray, turn_between
+from companion.analysis.reference import BoolArray, IntArray, turn_between, window
 from companion.constants import check, harm, healthy, priors
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, counted, median
 
@@ -66,20 +66,15 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray) -> Itera
     for i in long:
         least_rate = least[armed[first[i]]]
         start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
-        during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
+        during = window(attitude.t, start, end + 1e-9)
         if during.stop - during.start < 3:
             continue
         moved = float(np.abs(np.diff(down_in_body(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
         if moved > max(harm.MOVED_RAD, least_rate * (end - start)):
-            evidence = (
-                f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
-                f"{np.degrees(moved):.0f}°"
-            )
-            advice = (
-                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
-                "bus and power."
-            )
-            yield Finding("frozen", "imu", "error", start, end, evidence, advice)
+            same = f"every axis reads the same for {end - start:.1f} s"
+            evidence = f"{same} while the autopilot's attitude moves by {np.degrees(moved):.0f}°"
+            stopped = "The sensor or its bus has stopped while its messages go on: do not fly on it."
+            yield Finding("frozen", "imu", "error", start, end, evidence, f"{stopped} Look at its bus and power.")
 
 
 def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolArray:
@@ -197,10 +192,9 @@ def rate_warning(flight: Flight, rate_hz: float) -> str | None:
     """What to say above the drift of an IMU whose samples are far apart; None where they are not."""
     if rate_hz >= harm.LOW_RATE_HZ:
         return None
+    lost = "low: fast motion between samples is lost, which adds to the drift"
     if rate_hz < harm.USELESS_RATE_HZ:
         lost = "too low to integrate: motion between samples is lost and causes most of the drift"
-    else:
-        lost = "low: fast motion between samples is lost, which adds to the drift"
     return f"{rate_hz:.0f} Hz is {lost}. {flight.how_to_record}."
 
 
@@ -212,8 +206,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
         evidence = f"{track.source} at {rate:.1f} Hz is too slow"
         if sampling_share > 0.05:
             evidence += f"; sampling is {sampling_share:.0%} of the expected attitude error"
-        begin, end = float(track.t[0]), float(track.t[-1])
-        yield Finding("rate_too_low", "data", "warning", begin, end, evidence, f"{flight.how_to_record}.")
+        yield Finding("rate_too_low", "data", "warning", *ends_of(track.t), evidence, f"{flight.how_to_record}.")
     yield from _gap_findings(flight, comparison)
 
 
@@ -264,28 +257,21 @@ def stamp_findings(
     uneven = float(np.percentile(off, 90))
     if uneven > max(healthy.UNEVEN_PERIOD * period, healthy.UNEVEN_S):
         severity: Severity = "warning" if uneven > 2 * healthy.UNEVEN_PERIOD * period else "info"
-        evidence = (
-            f"one interval in ten of {track.source} is off by {uneven * 1e3:.0f} ms or more from multiples of "
-            f"{period * 1e3:.0f} ms"
-        )
-        advice = (
-            "The processor was too busy to sample evenly. Look at its load, and log less."
-            if flight.on_board
-            else "The autopilot timestamps on sending, not on sampling: a busy link or processor causes jitter. "
-            "Ask for fewer messages, or use the on-board log."
-        )
-        begin, end = float(track.t[0]), float(track.t[-1])
-        yield Finding("samples_irregular", "data", severity, begin, end, evidence, advice)
+        by = f"{uneven * 1e3:.0f} ms or more from multiples of {period * 1e3:.0f} ms"
+        evidence = f"one interval in ten of {track.source} is off by {by}"
+        advice = "The processor was too busy to sample evenly. Look at its load, and log less."
+        if not flight.on_board:
+            sent = "The autopilot timestamps on sending, not on sampling: a busy link or processor causes jitter."
+            advice = f"{sent} Ask for fewer messages, or use the on-board log."
+        yield Finding("samples_irregular", "data", severity, *ends_of(track.t), evidence, advice)
     if len(lags) < 2:
         return
     first, last = lags[0], lags[-1]
     moved = last[2] - first[2]
     if abs(moved) > harm.CLOCK_MOVED_S:
         severity = "error" if abs(moved) > harm.CLOCK_SPOILT_S else "warning"
-        evidence = (
-            f"the IMU lags {first[2] * 1e3:.0f} ms behind the attitude at first and "
-            f"{last[2] * 1e3:.0f} ms at last: their clocks run at different rates"
-        )
+        late = f"{first[2] * 1e3:.0f} ms behind the attitude at first and {last[2] * 1e3:.0f} ms at last"
+        evidence = f"the IMU lags {late}: their clocks run at different rates"
         advice = "Both have to be stamped by one clock. Record the autopilot's own messages"
         advice += "." if flight.on_board else ", or use the on-board log."
         yield Finding("clocks_diverge", "data", severity, first[0], last[1], evidence, advice)
@@ -317,10 +303,8 @@ def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
     """The shift, s, that leaves the least between two rates (N, 3); None where none stands out."""
     most = round(check.LAG_MAX_S / check.LAG_GRID_S)
     inner = slice(most, len(gyro) - most)
-    seen, gyro = (
-        attitude[inner] - attitude[inner].mean(axis=0),
-        gyro - gyro[inner].mean(axis=0),
-    )  # constants fit any lag
+    seen = attitude[inner] - attitude[inner].mean(axis=0)
+    gyro = gyro - gyro[inner].mean(axis=0)  # constants fit any lag
     known = np.flatnonzero(good[inner])
     known = known[:: max(1, len(known) // check.LAG_MOMENTS)]
     power = median((seen[known] ** 2).sum(axis=1)) if len(known) else 0.0

@@ -17,17 +17,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, ends_of
 from companion.analysis.phases import flown, phases
-from companion.analysis.reference import Limits, attitude_error, reference_at, wrapped
+from companion.analysis.reference import Limits, attitude_error, length, reference_at, within_any, wrapped
 from companion.constants import check, harm, healthy, num
-from companion.estimation import (
-    ATTITUDE,
-    CONSTANTS,
-    BestEstimate,
-    field_at,
-    hypothesis_of,
-)
+from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, hypothesis_of
 from companion.model import ORIENTATIONS, Array, Flight, orientation_name, orientation_number, orientations
 from companion.strapdown import quaternion
 
@@ -88,7 +82,7 @@ def setting_findings(flight: Flight, best: BestEstimate, limits: Limits) -> Iter
     for setting in (_declination(flight, best, limits), _gps_delay(flight, best), _antenna(flight, best)):
         if setting is not None:
             kind, evidence, advice = setting
-            yield Finding(kind, "data", "warning", float(best.t[0]), float(best.t[-1]), evidence, advice)
+            yield Finding(kind, "data", "warning", *ends_of(best.t), evidence, advice)
 
 
 def _declination(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[str, str, str] | None:
@@ -107,18 +101,15 @@ def _declination(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[st
     if abs(expected) < harm.DECLINATION_RAD or apart > num.SIGMAS * sigma or abs(off) < 2.0 * apart:
         return None
     of_place = np.degrees(earth.declination)
-    if declination is None:
-        if abs(off) < num.SIGMAS * sigma:
-            return None
-        what = f"as if no declination were used: it is {of_place:.1f}° here"
-    else:
+    if declination is None and abs(off) < num.SIGMAS * sigma:
+        return None
+    what = f"as if no declination were used: it is {of_place:.1f}° here"
+    if declination is not None:
         is_set = f"{name} is {np.degrees(declination):.1f}°"
         what = f"as the declination that is set says: {is_set}, and {of_place:.1f}° here"
     value = f"{earth.declination:.4f} (rad)" if name.startswith("COMPASS") else f"{of_place:.1f}°"
-    evidence = (
-        f"the autopilot's heading is off by {np.degrees(off):.1f} ± {np.degrees(sigma):.1f}° since the start of the "
-        f"log, {what} by the World Magnetic Model"
-    )
+    turned = f"the autopilot's heading is off by {np.degrees(off):.1f} ± {np.degrees(sigma):.1f}°"
+    evidence = f"{turned} since the start of the log, {what} by the World Magnetic Model"
     advice = f"Set {name} to {value}, or have it looked up: {_LOOKED_UP.get(name, 'by the place')}."
     return "declination", evidence, advice
 
@@ -143,8 +134,8 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
     In the air, for on the ground a compass may be beside iron; of a vehicle that was not, throughout.
     """
     reference = reference_at(flight.require_attitude(), None, best.t, limits)
-    aloft = [(best.t >= begin) & (best.t <= end) for begin, end in flown(phases(flight))]
-    known = reference.attitude_known & (np.any(aloft, axis=0) if aloft else True)
+    aloft = flown(phases(flight)) or [(-np.inf, np.inf)]
+    known = reference.attitude_known & within_any(best.t, aloft)
     if known.sum() < check.SETTING_KEYFRAMES:
         return None
     error = attitude_error(reference.q_ned_frd[known], best.q_ned_frd[known])[:, 2]
@@ -171,17 +162,15 @@ def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | Non
     swift = _swift(best)
     if off < max(num.SIGMAS * sigma, hypothesis_of("gps_latency").min_reported) or off * swift < harm.GPS_DELAY_M:
         return None
-    usual = f"0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}"
-    evidence = (
-        f"the GPS fixes are {1e3 * latency:.0f} ± {1e3 * sigma:.0f} ms late, and {name} is "
-        f"{usual if of_driver else f'{value:g}'}: at {swift:.0f} m/s the estimate is {off * swift:.1f} m off"
-    )
+    is_set = f"0, the receiver's usual {1e3 * low:.0f}-{1e3 * high:.0f}" if of_driver else f"{value:g}"
+    late = f"the GPS fixes are {1e3 * latency:.0f} ± {1e3 * sigma:.0f} ms late, and {name} is {is_set}"
+    evidence = f"{late}: at {swift:.0f} m/s the estimate is {off * swift:.1f} m off"
     return "gps_delay", evidence, f"Set {name} to {max(10.0 * round(100.0 * latency), 1.0):.0f} (ms)."
 
 
 def _swift(best: BestEstimate) -> float:
     """How fast the vehicle was when it was fast, m/s, over ground."""
-    return float(np.percentile(np.linalg.norm(best.velocity[:, :2], axis=1), check.SETTING_SWIFT))
+    return float(np.percentile(length(best.velocity[:, :2]), check.SETTING_SWIFT))
 
 
 def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
@@ -199,10 +188,8 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     least = max(harm.ANTENNA_M, CONSTANTS["gps_latency"][1] * _swift(best))
     if not (np.abs(off) > np.maximum(check.LEVER_SIGMAS * sigma, least)).any():
         return None
-    evidence = (
-        f"the GPS antenna sits ({_digits(lever)}) ± ({_digits(sigma)}) m from the IMU, and "
-        f"({_digits(antenna - imu)}) m is set"
-    )
+    sits = f"the GPS antenna sits ({_digits(lever)}) ± ({_digits(sigma)}) m from the IMU"
+    evidence = f"{sits}, and ({_digits(antenna - imu)}) m is set"
     advice = f"Set {names[0]}_X, _Y, _Z to ({_digits(imu + lever)}), if it is mounted there."
     return "antenna_position", evidence, advice
 

@@ -15,7 +15,7 @@ import numpy as np
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding, Severity, run_edges
+from companion.analysis.finding import Cause, Finding, Severity, ends_of, runs
 from companion.analysis.findings.readings import read_by
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
@@ -67,8 +67,7 @@ def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
         return
     ratio = level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
     usual = np.median(ratio)
-    first, last = run_edges(np.asarray(ratio > usual + np.log(2.0)))
-    for i, j in zip(first.tolist(), last.tolist(), strict=True):
+    for i, j in runs(np.asarray(ratio > usual + np.log(2.0))):
         outside = np.ones(len(level), np.bool_)
         outside[max(i - 1, 0) : j + 2] = False
         stretch = _longest(level, axis, slice(i, j + 1), outside)
@@ -87,11 +86,10 @@ def _longest(level: Array, axis: int, part: slice, outside: BoolArray) -> tuple[
     """The longest stretch in a part of the blocks in which the axis is noisier than in any block outside."""
     if not outside.any():
         return None
-    first, last = run_edges(np.asarray(level[part, axis] > level[outside, axis].max()))
-    if not len(first) or (last - first).max() + 1 < check.NOISIER_MIN_BLOCKS:
-        return None
-    longest = int(np.argmax(last - first))
-    return part.start + int(first[longest]), part.start + int(last[longest])
+    noisier = runs(np.asarray(level[part, axis] > level[outside, axis].max()))
+    first, last = max(noisier, key=lambda run: run[1] - run[0], default=(0, -1))
+    long = last - first + 1 >= check.NOISIER_MIN_BLOCKS
+    return (part.start + first, part.start + last) if long else None
 
 
 def _tail(t: float, freedom: int) -> float:
@@ -102,15 +100,12 @@ def _tail(t: float, freedom: int) -> float:
 
 def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuTrack]) -> bool:
     """Whether another IMU tells of that time, and the same axis of none is noisier then."""
-    recorded = False
-    for other in others:
-        start, level = _levels(other, name)
-        if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS or start[0] > begin or start[-1] < end:
-            continue
-        recorded = True
-        if any(start[i] < end and start[j + 1] > begin for i, j in _noisier(level, axis)):
-            return False
-    return recorded
+    levels, fewest = [_levels(other, name) for other in others], check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS
+    told = [
+        (start, level) for start, level in levels if len(level) >= fewest and start[0] <= begin and start[-1] >= end
+    ]
+    noisier = (start[i] < end and start[j + 1] > begin for start, level in told for i, j in _noisier(level, axis))
+    return bool(told) and not any(noisier)
 
 
 def _finding(name: str, axis: int, begin: float, end: float, factor: float, alone: bool) -> Finding:
@@ -171,15 +166,11 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
     severity: Severity = "warning" if most > harm.VIBRATION_LIMIT or high < harm.VIBRATION_HIGH else "info"
     x, y, z = np.median(each[strong], axis=0)
     more = "" if high == harm.VIBRATION_HIGH else "; the vehicle shakes more than they show"
-    evidence = (
-        f"vibration {usual:.0f} m/s² typical, {most:.0f} peak (limit {harm.VIBRATION_LIMIT:.0f}), by {source}: "
-        f"x {x:.0f}, y {y:.0f}, z {z:.0f}{more}"
-    )
-    advice = (
-        "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
-        "looks like motion."
-    )
-    yield Finding("vibration", "imu", severity, float(t[strong][0]), float(t[strong][-1]), evidence, advice)
+    shakes = f"vibration {usual:.0f} m/s² typical, {most:.0f} peak (limit {harm.VIBRATION_LIMIT:.0f}), by {source}"
+    evidence = f"{shakes}: x {x:.0f}, y {y:.0f}, z {z:.0f}{more}"
+    damp = "Balance propellers and motors, and damp the mounting of the autopilot."
+    advice = f"{damp} Shaking that the samples fold down looks like motion."
+    yield Finding("vibration", "imu", severity, *ends_of(t[strong]), evidence, advice)
 
 
 def _clips(series: Series) -> Iterator[Finding]:
@@ -209,10 +200,7 @@ def noise_findings(
         shares = allowed.shares.get(quantity, {}) if allowed else {}
         kind = f"{name}_noise"
         limits = max(shares, key=lambda cause: shares[cause], default="") == kind
-        evidence = (
-            f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
-            f"{sheet * factor:.3g} of {imu.name}"
-        )
+        times = f"{density / sheet:.0f} times the {sheet * factor:.3g} of {imu.name}"
+        evidence = f"noise of {density * factor:.0f} {unit} in flight, {times}"
         advice = "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account."
-        begin, end = float(track.t[0]), float(track.t[-1])
-        yield Finding(kind, "imu", "warning" if limits else "info", begin, end, evidence, advice)
+        yield Finding(kind, "imu", "warning" if limits else "info", *ends_of(track.t), evidence, advice)
