@@ -82,12 +82,10 @@ def why_none(flight: Flight, track: ImuTrack, imu: ImuSpec) -> str:
     turns = f"turns by {length(blocks.gyro[i]) * 1e3:.1f} mrad/s (spread {blocks.gyro_spread[i] * 1e3:.1f})"
     feels = f"feels {length(blocks.accel[i]):.2f} m/s² (spread {blocks.accel_spread[i]:.3f})"
     moment = f"the quietest moment, at {blocks.t[i]:.1f} s, {turns} and {feels}"
-    quiet, possible = _quiet(blocks, track, imu), _possible(flight, blocks)
-    if quiet.any() and not (quiet & possible).any():
-        return moment + "; the vehicle was moving or in the air whenever its IMU was quiet"
-    if (quiet & possible).any():
-        return moment + f"; no quiet stretch lasts {check.REST_MIN_S:g} s"
-    return moment
+    quiet = _quiet(blocks, track, imu)
+    if (quiet & _possible(flight, blocks)).any():
+        return f"{moment}; no quiet stretch lasts {check.REST_MIN_S:g} s"
+    return f"{moment}; the vehicle was moving or in the air whenever its IMU was quiet" if quiet.any() else moment
 
 
 def _blocks(track: ImuTrack) -> _Blocks | None:
@@ -106,9 +104,8 @@ def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuSpec) -> BoolArray:
     """Blocks in which the IMU is as quiet as it gets and feels gravity alone."""
     heavy = np.abs(length(blocks.accel) - STANDARD_GRAVITY)
     turning = length(blocks.gyro)
-    possible = (heavy < imu.accel.offset + imu.accel.scale_tolerance * STANDARD_GRAVITY) & (
-        turning < 2.0 * imu.gyro.offset
-    )
+    most = imu.accel.offset + imu.accel.scale_tolerance * STANDARD_GRAVITY
+    possible = (heavy < most) & (turning < 2.0 * imu.gyro.offset)
     quiet = possible & (np.diff(blocks.t) < 2.0 * blocks.size / max(track.rate_hz, 1e-9))  # no gap in it
     for spread, step, sheet, most in (
         (blocks.gyro_spread, track.gyro_step, imu.gyro.noise_density, healthy.REST_SPREAD[0]),
@@ -162,17 +159,10 @@ def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuSpec, first: int, last: int)
     start, end = ends_of(track.t[part])
     gyro_noise = _density(gyro, track.gyro_step, track.rate_hz)
     density = imu.gyro.noise_density if gyro_noise is None else gyro_noise
-    return Rest(
-        first=part.start,
-        last=part.stop - 1,
-        start_s=start,
-        end_s=end,
-        gyro=gyro.mean(axis=0),
-        gyro_sigma=np.sqrt(density**2 / (end - start) + persistent_step_error(gyro, track.gyro_step) ** 2),
-        accel=accel.mean(axis=0),
-        gyro_noise=gyro_noise,
-        accel_noise=_density(accel, track.accel_step, track.rate_hz),
-    )
+    sigma = np.sqrt(density**2 / (end - start) + persistent_step_error(gyro, track.gyro_step) ** 2)
+    mean_gyro, mean_accel = gyro.mean(axis=0), accel.mean(axis=0)
+    accel_noise = _density(accel, track.accel_step, track.rate_hz)
+    return Rest(part.start, part.stop - 1, start, end, mean_gyro, sigma, mean_accel, gyro_noise, accel_noise)
 
 
 def _density(readings: Array, step: float, rate: float) -> float | None:

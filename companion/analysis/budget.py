@@ -119,16 +119,10 @@ def nees(error: Array, covariance: Array) -> Array:
     try:
         solved = np.linalg.solve(covariance, error[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one of them, which costs all: NumPy does not say which
-        solved = np.array([_solved(own, by) for own, by in zip(covariance, error, strict=True)])
+        if len(error) == 1:
+            return np.full(1, np.nan)
+        return np.concatenate([nees(own, by) for own, by in zip(error[:, None], covariance[:, None], strict=True)])
     return np.asarray(np.einsum("wi,wi->w", error, solved))
-
-
-def _solved(matrix: Array, right: Array) -> Array:
-    """The solution (k,), NaN where there is none."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.full(right.shape, np.nan)
 
 
 def stacked(comparison: Comparison, chosen: Windows, path: Preintegration | None = None) -> Array:

@@ -278,26 +278,15 @@ def _prior(imu: ImuSpec, autopilot: ReferenceSpec) -> Array:
 
 def _jacobian(expected: Budget, comparison: Comparison, chosen: Windows) -> Array:
     """(W, 9, 32) change of the error per unit of each unknown."""
-    growth = expected.propagation
-    diagonal = np.arange(3)
-    gyro_rows, gyro_columns = zip(*GYRO_MISALIGNED, strict=True)
-    accel_rows, accel_columns = zip(*ACCEL_MISALIGNED, strict=True)
-    return np.concatenate(
-        [
-            growth.transition[:, :9, 9:15],
-            turn_jacobian(growth),
-            growth.time_offset[:, :, None],
-            # the matrices are per error δ = E w that is taken off; here it is added
-            -growth.gyro_matrix[:, :, diagonal, diagonal],
-            -growth.accel_matrix[:, :, diagonal, diagonal],
-            -growth.gyro_matrix[:, :, gyro_rows, gyro_columns],
-            -growth.accel_matrix[:, :, accel_rows, accel_columns],
-            lever_jacobian(comparison, chosen),
-            growth.transition[:, :9, :3] - np.eye(9, 3),  # both ends lean alike: the attitude itself does not show it
-            growth.gravity[:, :, None],
-        ],
-        axis=2,
-    )
+    growth, diagonal = expected.propagation, np.arange(3)
+    pairs = ((growth.gyro_matrix, GYRO_MISALIGNED), (growth.accel_matrix, ACCEL_MISALIGNED))
+    first = growth.transition[:, :9, 9:15], turn_jacobian(growth), growth.time_offset[:, :, None]
+    # the matrices are per error δ = E w that is taken off; here it is added
+    scales = (-matrix[:, :, diagonal, diagonal] for matrix, _ in pairs)
+    misaligned = (-matrix[(slice(None), slice(None), *np.transpose(places))] for matrix, places in pairs)
+    leaning = growth.transition[:, :9, :3] - np.eye(9, 3)  # both ends lean alike: the attitude itself does not show it
+    lasting = lever_jacobian(comparison, chosen), leaning, growth.gravity[:, :, None]
+    return np.concatenate([*first, *scales, *misaligned, *lasting], axis=2)
 
 
 def lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
@@ -374,8 +363,6 @@ def _to_figures() -> Array:
     zero = np.zeros(24)
     cross = np.array([[zero, -u[2], u[1]], [u[2], zero, -u[0]], [-u[1], u[0], zero]])
     gyro, accel = -gyro - cross, -accel - cross
-    diagonal = np.arange(3)
-    (rows, columns), (low, left) = (np.transpose(places) for places in (GYRO_MISALIGNED, ACCEL_MISALIGNED))
-    return np.concatenate(
-        [np.eye(6, 24), gyro[diagonal, diagonal], accel[diagonal, diagonal], gyro[rows, columns], accel[low, left]]
-    )
+    diagonal, pairs = np.arange(3), ((gyro, GYRO_MISALIGNED), (accel, ACCEL_MISALIGNED))
+    scales = (matrix[diagonal, diagonal] for matrix, _ in pairs)
+    return np.concatenate([np.eye(6, 24), *scales, *(matrix[tuple(np.transpose(at))] for matrix, at in pairs)])

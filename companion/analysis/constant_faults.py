@@ -154,11 +154,8 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
     if best.contradicted:
         return ()
     since_start = [e for e in best.explained if _is_constant(e, best)]
-    changed = {
-        (e.imu, hypothesis_of(e.kind).sensor)
-        for e in best.explained
-        if not hypothesis_of(e.kind).nuisance and e not in since_start
-    }
+    later = [(e.imu, hypothesis_of(e.kind)) for e in best.explained if e not in since_start]
+    changed = {(imu, kind.sensor) for imu, kind in later if not kind.nuisance}
     others = in_blocks(flight, best.imu)
     out: list[ConstantError] = []
     for sensor in ("gyro", "accel"):

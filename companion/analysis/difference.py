@@ -164,11 +164,9 @@ class Contrast:
 def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
     """B against A; same_flight: both are of one flight, and each window of B is held against its own of A."""
     of_b = {row.horizon_s: (row, expected) for row, expected in zip(b.drift.rows, b.expected, strict=True)}
-    rows = []
-    for row, expected in zip(a.drift.rows, a.expected, strict=True):
-        if row.horizon_s in of_b:
-            other, other_expected = of_b[row.horizon_s]
-            rows.append(ContrastRow(row, other, expected, other_expected, _changes(row, other, same_flight)))
+    of_a = zip(a.drift.rows, a.expected, strict=True)
+    both = [(row, expected, *of_b[row.horizon_s]) for row, expected in of_a if row.horizon_s in of_b]
+    rows = [ContrastRow(one, two, mine, theirs, _changes(one, two, same_flight)) for one, mine, two, theirs in both]
     kinds_a, kinds_b = ({(f.kind, f.side) for f in assessment.verdict.findings} for assessment in (a, b))
     gone = tuple(f for f in a.verdict.findings if (f.kind, f.side) not in kinds_b)
     new = tuple(f for f in b.verdict.findings if (f.kind, f.side) not in kinds_a)

@@ -95,11 +95,9 @@ class Drift:
         }
         for name in ("attitude_deg", "velocity_mps", "position_m"):
             quantity, unit = name.split("_")
+            of_rows = [getattr(row, name) for row in self.rows]
             for part in (column.name for column in fields(Statistic)):
-                columns[f"{quantity}_{part}_{unit}"] = [
-                    math.nan if (statistic := getattr(row, name)) is None else getattr(statistic, part)
-                    for row in self.rows
-                ]
+                columns[f"{quantity}_{part}_{unit}"] = [getattr(statistic, part, math.nan) for statistic in of_rows]
         return columns
 
     def __repr__(self) -> str:
@@ -177,18 +175,15 @@ class RedundantImu:
 
 
 def each_imu(
-    flight: Flight,
-    compare_imu: Callable[[str], Comparison],
-    imu_spec_of: Callable[[str], ImuSpec],
-    autopilot: ReferenceSpec,
+    flight: Flight, compared: Callable[[str], Comparison], spec_of: Callable[[str], ImuSpec], autopilot: ReferenceSpec
 ) -> tuple[RedundantImu, ...]:
     """Every IMU of the flight with two samples or more, each by its own part's figures."""
     made = []
     for name, track in flight.imus.items():
         if len(track) > 1:
-            comparison = compare_imu(name)
+            comparison = compared(name)
             chosen = windows(comparison, num.JUDGED_S)
-            expected = expected_over(comparison, chosen, imu_spec_of(name), autopilot)
+            expected = expected_over(comparison, chosen, spec_of(name), autopilot)
             inside = {} if expected is None else {k: v for k, v in expected.inside.items() if k != "velocity"}
             (row,), own = drift_over(comparison, [chosen]).rows, comparison.track
             made.append(RedundantImu(own.source, own.instance, own.rate_hz, row, inside))

@@ -183,13 +183,10 @@ def _tracking(flight: Flight, t: float, stop: float) -> Tracking | None:
     early = when < t
     left = np.flatnonzero(angle > check.NOT_FOLLOWED_RAD)
     worst = int(np.argmax(angle))
-    return Tracking(
-        float(np.median(angle[early])) if early.any() else float(angle[0]),
-        float(angle[worst]),
-        float(when[worst] - t),
-        float(when[left[0]] - t) if len(left) else None,
-        float(tilt[early].max()) if early.any() else float(tilt[0]),
-    )
+    at_worst, left_s = (float(angle[worst]), float(when[worst] - t)), float(when[left[0]] - t) if len(left) else None
+    if not early.any():
+        early[0] = True
+    return Tracking(float(np.median(angle[early])), *at_worst, left_s, float(tilt[early].max()))
 
 
 def _outputs(flight: Flight, t: float, stop: float) -> Iterator[Output]:

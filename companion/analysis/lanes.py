@@ -304,13 +304,11 @@ def _switch(flight: Flight, compared: Compared, span: Span, before: _Core, after
     if p is None:
         return replace(unknown, why="the best estimate does not cover the time after it")
     off = [off_probability(one, compared, where) for one in (old, new)]
-    judgement: Judgement = "undecided"
+    judgement: Judgement = "indifferent" if max(off) < 1.0 - priors.ACCUSED else "undecided"
     if worse(old, new, compared, where):
         judgement = "right"
     elif worse(new, old, compared, where):
         judgement = "wrong"
-    elif max(off) < 1.0 - priors.ACCUSED:
-        judgement = "indifferent"
     differ = apart(old, new, where)
     quantity = max(differ, key=lambda name: differ[name])
     left, taken = (_error(one, quantity, compared, where) for one in (old, new))
@@ -414,13 +412,12 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
     q, velocity, position = best.at(np.where(near, lane.t[row], best.t))
     turn = attitude_error(lane.q_ned_frd[row], q)
     sources = {"turn": turn, "velocity": lane.velocity[row] - velocity, "position": lane.position[row] - position}
-    if "gps_position" not in best.residuals:
-        sources |= {"velocity": np.full_like(turn, np.nan), "position": np.full_like(turn, np.nan)}
     errors = {name: np.where(near[:, None], sources[of][:, own], np.nan) for name, (of, own) in COMPONENTS.items()}
-    if HEIGHTS.isdisjoint(best.residuals):
-        errors["height"] = np.full_like(errors["height"], np.nan)
-    if best.heading_from == "first guess":  # nothing but the autopilot's own attitude has it
-        errors["heading"] = np.full_like(errors["heading"], np.nan)
+    unknown = [] if "gps_position" in best.residuals else ["velocity", "position", "height"]
+    unknown += ["height"] if HEIGHTS.isdisjoint(best.residuals) else []
+    unknown += ["heading"] if best.heading_from == "first guess" else []  # but the autopilot's own attitude none has it
+    for name in unknown:
+        errors[name][...] = np.nan
     return errors
 
 

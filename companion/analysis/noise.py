@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.analysis.alignment import Rest, rests
 from companion.analysis.imu_spec import ImuSpec, SensorSpec
-from companion.analysis.reference import Limits
+from companion.analysis.reference import Limits, within_any
 from companion.constants import check, healthy
 from companion.estimation import (
     AllanDeviation,
@@ -147,9 +147,7 @@ def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
 
 def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> ImuTrack:
     """The samples in flight: what is cut out is a gap."""
-    mask = np.ones(len(track), np.bool_)
-    for rest in still:
-        mask[rest.first : rest.last + 1] = False
+    mask = ~within_any(track.t, [(rest.start_s, rest.end_s) for rest in still])
     flying = flight.armed(track.t, track.t)
     return rows(track, mask & flying if flying is not None and flying.any() else mask)
 

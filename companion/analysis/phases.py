@@ -71,8 +71,7 @@ def while_in_control(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight
 
 def body_rates(flight: Flight) -> tuple[Array, Array]:
     """Times (N,) s and body rates (N, 3) rad/s by the IMU, else by the autopilot."""
-    name = flight.default_imu
-    if name is not None:
+    if (name := flight.default_imu) is not None:
         return flight.imus[name].t, flight.imus[name].gyro
     return (np.zeros(0), np.zeros((0, 3))) if flight.attitude is None else (flight.attitude.t, flight.attitude.rates)
 
@@ -119,8 +118,7 @@ def _at_will(flight: Flight, over: float) -> bool:
 
 def _at_rest(flight: Flight, over: float) -> bool:
     """Whether the vehicle lies still as its attitude turns over: what turns is a gyro, or the estimator."""
-    name = flight.default_imu
-    if name is None:
+    if (name := flight.default_imu) is None:
         return False
     track = flight.imus[name]
     around = track.accel[window(track.t, over - 1.0, over + 1.0)]

@@ -138,11 +138,8 @@ def expected_by_age(assessment: Assessment, ages_s: Sequence[float]) -> Array:
     The median over the windows of each length; lengths without a window are left out, and what the flight has no
     position for is 0.
     """
-    rows = []
-    for age in ages_s:
-        one = expected_over(
-            assessment.comparison, windows(assessment.comparison, age), assessment.imu_spec, assessment.autopilot
-        )
-        if one is not None:
-            rows.append((age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0))
+    own, specs = assessment.comparison, (assessment.imu_spec, assessment.autopilot)
+    every = ((age, expected_over(own, windows(own, age), *specs)) for age in ages_s)
+    known = ((age, one) for age, one in every if one is not None)
+    rows = [(age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0) for age, one in known]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)

@@ -119,14 +119,10 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
     known = {name: one for name, one in means.items() if one is not None}
     checks = [*_of_imus(flight, tracks, known, spec_of)]
     checks += compass_checks(flight, standing, known.get(tracks[0].source))
-    checks += barometer_checks(flight, standing)
-    checks += gps_checks(flight, standing)
+    checks += [*barometer_checks(flight, standing), *gps_checks(flight, standing)]
     missing = [f"{name}: no IMU" for name in ("gyro", "accelerometer") if not known]
-    missing += [
-        f"{name}: none in the log"
-        for name, there in (("compass", flight.compasses), ("barometer", flight.barometers), ("GPS", flight.gps))
-        if not there
-    ]
+    beside = {"compass": flight.compasses, "barometer": flight.barometers, "GPS": flight.gps}
+    missing += [f"{name}: none in the log" for name, there in beside.items() if not there]
     against = ("prearm", "arm:", "preflight fail")
     said = [one for one in flight.texts if standing.start <= one.t <= standing.end]
     refusals = [one for one in said if one.text.lower().startswith(against)]
@@ -148,10 +144,9 @@ def _standing(flight: Flight, tracks: Sequence[ImuTrack]) -> Standing:
         first, last = max(stretches, key=lambda one: one[1] - one[0])
         if last - first >= check.REST_MIN_S:
             return Standing(first, last, motors_off=off and not _may_be_armed(flight, first, last))
-    raise DataError(
-        f"the vehicle does not stand still for {check.REST_MIN_S:g} s before it takes off: let it stand for 20 to 60 s "
-        "while the log or the link is recorded (ArduPilot logs before arming with LOG_DISARMED 1)."
-    )
+    moves = f"the vehicle does not stand still for {check.REST_MIN_S:g} s before it takes off"
+    remedy = "let it stand for 20 to 60 s while the log or the link is recorded"
+    raise DataError(f"{moves}: {remedy} (ArduPilot logs before arming with LOG_DISARMED 1).")
 
 
 def _may_be_armed(flight: Flight, start: float, end: float) -> bool:
@@ -368,10 +363,8 @@ def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> 
         if imu is not None:  # against gravity as the accelerometer feels it
             down = -imu.mean["accel"] / length(imu.mean["accel"])
             dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
-            usual, limit = (
-                float(np.arctan2(earth.ned[2], length(earth.ned[:2]))),
-                float(np.arcsin(iron / max(size, iron))),
-            )
+            usual = float(np.arctan2(earth.ned[2], length(earth.ned[:2])))
+            limit = float(np.arcsin(iron / max(size, iron)))
             note = f"{np.degrees(dip):.1f}°, {np.degrees(usual):.1f}° expected"
             off, anomaly = abs(dip - usual), healthy.FIELD_ANOMALY
             yield _judged(flight, "compass_inclination", one.source, off, anomaly, limit, "rad", note)

@@ -245,7 +245,7 @@ def attitude_jumps(track: AttitudeTrack, limits: Limits) -> Array:
     predicted = quaternion.multiply(track.q_ned_frd[:-1], quaternion.exp(turn))
     step = length(attitude_error(track.q_ned_frd[1:], predicted))
     allowed = np.radians(limits.attitude_jump_deg) + 0.5 * length(turn) + length(np.diff(track.rates, axis=0) * h)
-    return _intervals(track.t, step > allowed)
+    return np.asarray(np.column_stack([track.t[:-1], track.t[1:]])[step > allowed])
 
 
 def position_jumps(track: PositionTrack, limits: Limits) -> Array:
@@ -258,11 +258,7 @@ def position_jumps(track: PositionTrack, limits: Limits) -> Array:
     predicted = 0.5 * (track.velocity[1:] + track.velocity[:-1]) * h
     step = length(np.diff(track.position, axis=0) - predicted)
     allowed = limits.position_jump_m + 0.25 * length(np.diff(track.velocity, axis=0) * h)
-    return _intervals(track.t, step > allowed)
-
-
-def _intervals(t: Array, flags: BoolArray) -> Array:
-    return np.column_stack([t[:-1][flags], t[1:][flags]])
+    return np.asarray(np.column_stack([track.t[:-1], track.t[1:]])[step > allowed])
 
 
 def _before(samples: Array, t: Array) -> IntArray:

@@ -86,8 +86,7 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
     agreement: what is to be said where nothing was found; why: no IMU is judged, in a sentence or two.
     """
     unjudged = f"The IMU was not judged: {why}"
-    causes = sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s)
-    if causes:
+    if causes := sorted((f for f in findings if f.severity == "error"), key=lambda f: f.start_s):
         first = _first(causes)
         summary = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
         return Verdict("autopilot_suspect", summary, findings, stated_cause(first))
@@ -160,8 +159,7 @@ def _decided(
     why_too_little = "" if causes or not why_no_windows else unseen(best, why_no_windows)
     if lost and slow and not causes:  # what misled the autopilot within the last second has hardly a sample
         why_too_little = why_too_little or f"{slow} to show what begins within a second of the loss"
-    lacking = _lacking(findings, lost, bool(causes), why_too_little)
-    if lacking is not None:
+    if (lacking := _lacking(findings, lost, bool(causes), why_too_little)) is not None:
         return Verdict("insufficient_data", lacking, findings)
     enough = [one for one in agreements if one.windows >= (num.MIN_WINDOWS if one is judged else num.MANY_WINDOWS)]
     worst = min(enough, key=lambda one: one.share, default=None)
@@ -172,8 +170,7 @@ def _decided(
         if judged.share == 1.0:  # what goes off slowly, or on an IMU not in use, shows beside the other sensors alone
             summary += f" {source} and the autopilot nevertheless agree: {judged}."
         return Verdict(SUSPECT[first.side], summary, findings, cause)
-    doubt = _doubt(worst, findings, best, probability.get("imu", 0.0))
-    if doubt is not None:
+    if (doubt := _doubt(worst, findings, best, probability.get("imu", 0.0))) is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
@@ -377,8 +374,7 @@ def _would_show(best: BestEstimate) -> dict[str, str]:
     shown = {}
     for sensor, (unit, scale, decimals) in BIAS_UNITS.items():
         kind, shown_as = f"{sensor}_bias", f"bias of the {SENSOR_WORDS[sensor]}"
-        size = best.detectable.get(kind)
-        if size is not None:
+        if (size := best.detectable.get(kind)) is not None:
             is_any = size > check.ANY_BIAS * hypothesis_of(kind).prior
             shown[kind] = f"any {shown_as}" if is_any else f"a {shown_as} of {scale * size:.{decimals}f} {unit}"
     return shown

@@ -43,28 +43,17 @@ from companion.model import Flight, ImuTrack, Phase, Series
 
 
 def findings_by_estimate(
-    flight: Flight,
-    best: BestEstimate,
-    limits: Limits,
-    known: tuple[Sequence[Finding], Sequence[Finding], Sequence[Finding]],
-    landed: float,
-    tilted: tuple[float, float],
-) -> tuple[list[Finding], list[Finding]]:
-    """Those of the best estimate, and the jumps as serious as it takes the autopilot to be then.
-
-    known: all findings so far, those of readings that are none, and the jumps of the autopilot. landed: s, from when on
-    nothing is judged. tilted: roll and pitch of the IMU, rad.
-    """
-    so_far, faults, jumps = known
+    flight: Flight, best: BestEstimate, limits: Limits, faults: Sequence[Finding], tilted: tuple[float, float]
+) -> list[Finding]:
+    """Those of the best estimate. faults: of readings that are none. tilted: roll and pitch of the IMU, rad."""
+    landed = landed_at(phases(flight))
     while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
     called, possible = called_and_possible(flight, best, limits, tilted)
     deviations = tuple(one for one in called if not is_led_to(one.start, one.end, faults))
     out = findings_of(while_judged, deviations, best, flight.imu_in_use)
     if not out or all(one.severity == "info" for one in out):  # else it is known what is wrong
         out += map(possible_error, possible)
-    out += [*known_biases(flight, best), *setting_findings(flight, best, limits)]
-    # the best estimate has judged where the autopilot went: a jump is one of the signs of it
-    return out, [_confirmed(f, [*so_far, *out], best) for f in jumps]
+    return [*out, *known_biases(flight, best), *setting_findings(flight, best, limits)]
 
 
 def leans_in_vain(flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]) -> bool:
@@ -97,9 +86,6 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
         )
         return replace(jump, side="data", severity="warning", evidence=words, cause=None, undecided=True)
     return replace(jump, severity="info")
-
-
-_ARMING = ("armed", "disarmed")
 
 
 def reading_faults(flight: Flight, comparison: Comparison, imu_spec: ImuSpec) -> list[Finding]:
@@ -180,18 +166,17 @@ def findings(
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
     if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison.track))
-    landed, limits = landed_at(phases(flight)), comparison.how.limits
-    jumps = _until_landed(jump_findings(comparison, flight), landed)
+    limits = comparison.how.limits
+    jumps = _until_landed(jump_findings(comparison, flight), landed_at(phases(flight)))
     all_findings += outage_findings(flight, comparison.track.t, comparison.gaps)
     all_findings += [*interference_findings(flight), *poor_gps_findings(flight)]
     all_findings += noise_findings(comparison, noise, imu_spec, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # invalid readings are no noise
-    all_findings += (
-        f
-        for f in noisier_findings(comparison.track, apart, sorted(e.t for e in flight.events if e.kind in _ARMING))
-        if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in unread)
-    )
+    arming = sorted(e.t for e in flight.events if e.kind in {"armed", "disarmed"})
+    for f in noisier_findings(comparison.track, apart, arming):  # invalid readings are no noise
+        unread = (one for one in faults if f.start_s < one.end_s and f.end_s > one.start_s)
+        if not any(f.kind.startswith(_sensor(one)) for one in unread):
+            all_findings.append(f)
     all_findings += vibration_findings(comparison, flight)
     fitted = installation(comparison, imu_spec, autopilot)
     if fitted is not None and best is not None and leans_in_vain(flight, best, limits, fitted.tilted):
@@ -201,9 +186,9 @@ def findings(
     if fitted is not None:
         all_findings += installation_findings(flight, comparison.track, fitted)
         clean, tilted = fitted.level(comparison.track), fitted.tilted
-    if best is not None:
-        more, jumps = findings_by_estimate(flight, best, limits, (all_findings, faults, jumps), landed, tilted)
-        all_findings += more
+    if best is not None:  # it has judged where the autopilot went: a jump is one of the signs of it
+        all_findings += findings_by_estimate(flight, best, limits, faults, tilted)
+        jumps = [_confirmed(jump, all_findings, best) for jump in jumps]
     all_findings += jumps
     all_findings += constant_findings(constants, *ends_of(comparison.track.t))
     others = [*_of_other_imus(flight, comparison, faults), *turned]
@@ -263,8 +248,7 @@ _LOST = "Look at motors, propellers and the desired attitude before it: a vehicl
 
 def _at_its_end(flight: Flight, lost: float) -> str:
     """Which outputs stood at the upper end of their range as control was lost, and at no other time; "" for none."""
-    track = flight.actuators
-    if track is None:
+    if (track := flight.actuators) is None:
         return ""
     full = np.nan_to_num(track.output) >= check.OUTPUT_FULL
     before = lost - check.AROUND_S

@@ -145,17 +145,10 @@ def _turns_and_forces(comparison: Comparison, residuals: _Residuals, imu: ImuSpe
     """
     growth = residuals.growth
     rows = slice(0, 6)
-    jacobian = np.concatenate(
-        [
-            growth.transition[:, rows, _GYRO_BIAS],
-            growth.transition[:, rows, _ACCEL_BIAS],
-            turn_jacobian(growth)[:, rows],
-            lever_jacobian(comparison, residuals.chosen)[:, rows],
-            growth.time_offset[:, rows, None],
-            growth.transition[:, rows, ATTITUDE] - np.eye(6, 3),
-        ],
-        axis=2,
-    )
+    biases = growth.transition[:, rows, _GYRO_BIAS], growth.transition[:, rows, _ACCEL_BIAS]
+    installed = turn_jacobian(growth)[:, rows], lever_jacobian(comparison, residuals.chosen)[:, rows]
+    lasting = growth.time_offset[:, rows, None], growth.transition[:, rows, ATTITUDE] - np.eye(6, 3)
+    jacobian = np.concatenate([*biases, *installed, *lasting], axis=2)
     of_axes = (
         healthy.GYRO_TIMES * imu.gyro.residual_bias, imu.accel.residual_bias, healthy.MOUNTING_RAD, healthy.LEVER_ARM_M,
     )  # fmt: skip

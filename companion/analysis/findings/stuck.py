@@ -23,7 +23,7 @@ from companion.analysis.findings.readings import (
     swing,
 )
 from companion.analysis.phases import down_in_body, judged_at
-from companion.analysis.reference import BoolArray, IntArray, length, turn_between
+from companion.analysis.reference import BoolArray, IntArray, length, turn_between, within
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
 from companion.model import Array, Flight, ImuTrack, NoEstimateError, median, nearest
@@ -100,14 +100,13 @@ def stuck_findings(
 
 
 def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
-    name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
+    name, axis, what = sensor.name, "xyz"[axes[0]], "lost an axis"
     start, end = float(sensor.t[first]), float(sensor.t[last])
     reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
     evidence = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
-    if whole:
-        other = "accel" if name == "gyro" else "gyro"
+    if len(axes) == 3:
+        other, axis, what = "accel" if name == "gyro" else "gyro", "", "stopped"
         evidence = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
-    what = "stopped" if whole else "lost an axis"
     advice = f"The sensor or its driver has {what}: do not fly on it. Look at its wiring and driver."
     cause = Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis)
     return Finding("stuck_axis", "imu", "error", start, end, evidence, advice, cause=cause)
@@ -117,7 +116,7 @@ def _only_rounded(axes: _Axes, stretch: slice, finer: ImuTrack) -> bool:
     """Whether axes that seem stuck are read by a finer message of the same IMU, which goes on within their step."""
     sensor, chosen, t = axes.sensor, list(axes.axes), axes.sensor.t[stretch]
     meanwhile, finer_step = read_by(finer, sensor.name)
-    during = (finer.t >= t[0]) & (finer.t <= t[-1])
+    during = within(finer.t, (t[0], t[-1]))
     if finer_step >= sensor.step or during.sum() <= check.STUCK_MIN_SAMPLES:
         return False
     goes_on = not unchanged(meanwhile[during])[:, chosen].all(axis=0).any()
@@ -207,16 +206,15 @@ def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> b
 
     In steady flight nothing changes, and the autopilot, whose attitude says what was to be felt, may be wrong itself.
     """
-    sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
+    sensor, fewest = axes.sensor, min(2, len(axes.axes))
     t = sensor.t[stretch]
-    meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
-    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > check.STUCK_MIN_SAMPLES]
-    for other, at in meanwhile:
-        readings, _ = read_by(other, name)
-        # what changed: a bias may step between its usual reading and this one, and a scale makes another level
-        swings = np.array([swing(evened(readings[at, i], check.TURN_PART)) for i in axes.axes])
-        if (swings >= check.SOME_STEPS * step).sum() >= min(2, len(axes.axes)):
-            return True
+    for other in others:
+        meanwhile = read_by(other, sensor.name)[0][within(other.t, (t[0], t[-1]))]
+        if len(meanwhile) > check.STUCK_MIN_SAMPLES:
+            # what changed: a bias may step between its usual reading and this one, and a scale makes another level
+            swings = np.array([swing(evened(meanwhile[:, i], check.TURN_PART)) for i in axes.axes])
+            if (swings >= check.SOME_STEPS * sensor.step).sum() >= fewest:
+                return True
     return False
 
 
@@ -291,6 +289,16 @@ class _Missed:
     last: int
     size: float  # rad/s or m/s², 1σ of what it missed
 
+    @property
+    def begin(self) -> float:
+        """s"""
+        return float(self.sensor.t[self.first])
+
+    @property
+    def end(self) -> float:
+        """s"""
+        return float(self.sensor.t[self.last])
+
 
 def missed_findings(
     comparison: Comparison, best: BestEstimate, flight: Flight, smooth: Callable[[Flight], BestEstimate]
@@ -306,7 +314,7 @@ def missed_findings(
     apart: list[BestEstimate | None] = []
     for one in _missed(comparison, best, judged_at(flight, best.t)):
         if one.sensor.name == "gyro":
-            meanwhile = [o for o in others if _read_throughout(o, one)]
+            meanwhile = [o for o in others if o.t[0] <= one.begin and o.t[-1] >= one.end]
             if meanwhile and not any(_turned_too(o, one, best) for o in meanwhile):
                 continue
             if not meanwhile:
@@ -330,11 +338,8 @@ def _without(
 
 def _blames(best: BestEstimate, missed: _Missed) -> bool:
     """Whether an estimate has to explain something of the gyro along an axis, in a time in which it reads the same."""
-    begin, end = missed.sensor.t[missed.first], missed.sensor.t[missed.last]
-    return any(
-        abs(one.size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(one.size)
-        for one in _explained(best, "gyro", begin, end)
-    )
+    sizes = [one.size for one in _explained(best, "gyro", missed.begin, missed.end)]
+    return any(abs(size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(size) for size in sizes)
 
 
 def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> list[Explained]:
@@ -343,15 +348,9 @@ def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> lis
     return [one for one in begun if begin < (one.onset + 1.0 if one.shape == "shock" else one.end)]
 
 
-def _read_throughout(other: ImuTrack, missed: _Missed) -> bool:
-    t = missed.sensor.t
-    return bool(other.t[0] <= t[missed.first] and other.t[-1] >= t[missed.last])
-
-
 def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
     """Whether another IMU's gyro moved along an axis by half of what this one missed, between the same keyframes."""
-    begin, end = missed.sensor.t[missed.first], missed.sensor.t[missed.last]
-    at = best.t[(best.t >= begin) & (best.t <= end)]
+    at = best.t[within(best.t, (missed.begin, missed.end))]
     steps = np.diff(other.t) * 0.5 * (other.gyro[1:, missed.axis] + other.gyro[:-1, missed.axis])
     angle = np.interp(at, other.t, np.concatenate([[0.0], np.cumsum(steps)]))
     return float((np.diff(angle) / np.diff(at)).std()) > check.MISSED_CONFIRMED * missed.size
