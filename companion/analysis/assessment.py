@@ -21,16 +21,7 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding, righted_compasses, turned_others
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.phases import (
-    aligned_at,
-    between,
-    flown,
-    in_control,
-    landed_at,
-    phases,
-    unjudged,
-    while_in_control,
-)
+from companion.analysis.phases import aligned_at, between, controlled, flown, in_control, landed_at, phases, unjudged
 from companion.analysis.verdict import Verdict, decide
 from companion.constants import check, healthy, num
 from companion.estimation import (
@@ -179,7 +170,7 @@ def assess(
     """Everything about one IMU of a flight. Raises as `drift` does; before, confusion, effort: as `smooth`."""
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
-    seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
+    seen, comparison = controlled(flight, parts, track.source), compare(flight, track=track, how=how)
     own = replace(seen, imus={**seen.imus, track.source: correction.apply(seen.imu(track.source))})
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, imu_spec, how.limits)

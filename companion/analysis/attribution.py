@@ -36,14 +36,7 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Finding, Severity, Side, ends_of
 from companion.constants import check, harm, num, priors
-from companion.estimation import (
-    HEIGHTS,
-    BestEstimate,
-    harmful,
-    hypothesis_of,
-    probabilities,
-    times_of_change,
-)
+from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, probabilities, times_of_change
 from companion.model import SensorInUse, words
 
 

@@ -21,11 +21,10 @@ Severity = Literal["info", "warning", "error"]
 
 KINDS: Mapping[str, str] = {
     **{kind.name: kind.about for kind in estimation.HYPOTHESES},
-    "tilt_off": "the autopilot's tilt leaves the best estimate, and no sensor explains it",
-    "heading_off": "the autopilot's heading leaves the best estimate, and no sensor explains it",
-    "velocity_off": "the autopilot's velocity leaves the best estimate, and no sensor explains it",
-    "position_off": "the autopilot's position leaves the best estimate, and no sensor explains it",
-    "height_off": "the autopilot's height leaves the best estimate, and no sensor explains it",
+    **{
+        f"{quantity}_off": f"the autopilot's {quantity} leaves the best estimate, and no sensor explains it"
+        for quantity in ("tilt", "heading", "velocity", "position", "height")
+    },
     "heading_jump": "the autopilot's heading jumps, as no gyro turned",
     "position_jump": "the autopilot's position jumps",
     "position_lost": "the autopilot has no valid position for a time in flight",

@@ -22,10 +22,10 @@ import numpy as np
 from companion.analysis.assessment import Assessment
 from companion.analysis.findings.detect import output_name
 from companion.analysis.phases import down_in_body, in_the_air, phases
-from companion.analysis.reference import BoolArray, length, window, within
+from companion.analysis.reference import length, window, within
 from companion.constants import check, harm, priors
 from companion.estimation import AIDING
-from companion.model import Array, DataError, Flight, ImuTrack
+from companion.model import DataError, Flight, ImuTrack
 
 MomentKind = Literal["requested", "loss_of_control", "failsafe", "cause", "lane_switch"]
 
@@ -157,12 +157,8 @@ def _reached(flight: Flight, t: float, start: float, stop: float) -> Iterator[Re
     for one in flight.each_imu():
         inside, before = within(one.t, (start, stop)), (one.t >= start) & (one.t < t - check.WORTHLESS_S)
         if inside.any():
-            most = (_most(values, where) for where in (inside, before) for values in (one.gyro, one.accel))
-            yield Reached(one.source, *most)
-
-
-def _most(values: Array, where: BoolArray) -> float:
-    return float(length(values[where]).max()) if where.any() else float("nan")
+            parts = (length(values[where]) for where in (inside, before) for values in (one.gyro, one.accel))
+            yield Reached(one.source, *(float(sizes.max()) if len(sizes) else math.nan for sizes in parts))
 
 
 def _tracking(flight: Flight, t: float, stop: float) -> Tracking | None:

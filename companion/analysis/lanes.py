@@ -2,6 +2,8 @@
 
 Not judged is what the controller would have done with another lane. A lane is called off where another one is
 surely nearer to the truth and it is surely further off than a healthy one: what all lanes share is no lane's fault.
+
+Also here: how far each lane is from the best estimate, and which of two lanes is nearer to the truth.
 """
 
 from __future__ import annotations
@@ -214,22 +216,24 @@ def _span(
     where = compared.within(*span)
     names = {one.lane.core: one.lane.name for one in compared.lanes if one.lane.core is not None}
     flown = () if used is None else tuple(name for core, name in names.items() if used.uses(core, *span))
-    odds = _Odds(sharing or ())
-    ranked = [_in_span(one, compared, where, odds) for one in compared.lanes if len(one.lane)]
+    misled = sharing or ()
+    ranked = [_in_span(one, compared, where, misled) for one in compared.lanes if len(one.lane)]
     known = [one for one in ranked if one.errors]
     errors = {one.lane.name: one for one in compared.lanes}
     by_rank = sorted(known, key=lambda one: -(one.nearest or 0.0))
-    best = _nearest([errors[one.lane] for one in by_rank], compared, where, odds)
-    matters = best is not None and any(worse(errors[n], best, compared, where, odds.of(best, errors[n])) for n in flown)
+    best = _nearest([errors[one.lane] for one in by_rank], compared, where, misled)
     made = LaneSpan(*span, what, flown, tuple(known), None, sharing)
-    if best is None or not matters:
+    flew = [errors[name] for name in flown]
+    if best is None or not any(worse(one, best, compared, where, _odds(misled, best, one)) for one in flew):
         return made
     others = ((one, one.nearest) for one in known if one.lane != best.lane.name and one.nearest is not None)
     may = (one.lane for one, p in others if p > 1.0 - priors.ACCUSED or alike(best, errors[one.lane], where))
     return replace(made, right=best.lane.name, as_good=tuple(may))
 
 
-def _nearest(lanes: Sequence[LaneErrors], compared: Compared, where: BoolArray, odds: _Odds) -> LaneErrors | None:
+def _nearest(
+    lanes: Sequence[LaneErrors], compared: Compared, where: BoolArray, sharing: Sequence[str]
+) -> LaneErrors | None:
     """The first of the lanes, if it is surely nearer than each other, or differs from it by less than healthy ones err.
 
     Of three lanes two may be equally good. lanes: the likeliest to be the nearest first.
@@ -237,29 +241,23 @@ def _nearest(lanes: Sequence[LaneErrors], compared: Compared, where: BoolArray, 
     may_fly = [one for one in lanes if one.lane.core is not None]
     told = False
     for other in may_fly[1:]:
-        p = nearer_probability(may_fly[0], other, compared, where, odds.of(may_fly[0], other))
+        p = nearer_probability(may_fly[0], other, compared, where, _odds(sharing, may_fly[0], other))
         told |= p is not None
         if p is not None and p < priors.ACCUSED and max(apart(may_fly[0], other, where).values()) > 1.0:
             return None
     return may_fly[0] if told else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Odds:
-    """That one of two lanes is the nearer: a faulty sensor misleads the lanes that read it oftener than the others."""
-
-    readers: tuple[str, ...]  # of the faulty sensor
-
-    def of(self, one: LaneErrors, other: LaneErrors) -> float:
-        """Of the first one."""
-        mine, theirs = (lane.lane.name in self.readers for lane in (one, other))
-        return priors.MISLED_ODDS ** (int(theirs) - int(mine))
+def _odds(sharing: Sequence[str], one: LaneErrors, other: LaneErrors) -> float:
+    """That one of two lanes is the nearer: a faulty sensor misleads the lanes that share it oftener than the others."""
+    mine, theirs = (lane.lane.name in sharing for lane in (one, other))
+    return priors.MISLED_ODDS ** (int(theirs) - int(mine))
 
 
-def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, odds: _Odds) -> LaneInSpan:
+def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, sharing: Sequence[str]) -> LaneInSpan:
     errors = tuple(_error(one, quantity, compared, where) for quantity in _UNITS if (where & one.known(quantity)).any())
     others = [other for other in compared.lanes if None not in (one.lane.core, other.lane.core) and other is not one]
-    told = (nearer_probability(one, other, compared, where, odds.of(one, other)) for other in others)
+    told = (nearer_probability(one, other, compared, where, _odds(sharing, one, other)) for other in others)
     pairs = [p for p in told if p is not None]
     beaten = any(p <= 1.0 - priors.ACCUSED for p in pairs)
     off = beaten and off_probability(one, compared, where) >= priors.ACCUSED

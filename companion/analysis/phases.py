@@ -62,7 +62,7 @@ def between(out: Sequence[Span], t: Array) -> tuple[Span, ...]:
     return tuple((begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True) if begin < end)
 
 
-def while_in_control(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight:
+def controlled(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight:
     """The flight without what was measured out of control; as it is where nothing would be left."""
     seen = without(flight, unjudged(parts))
     left = [seen.imus[imu], *([] if seen.attitude is None else [seen.attitude])]

@@ -22,20 +22,10 @@ from companion.analysis.findings.readings import read_by
 from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import in_the_air
-from companion.analysis.reference import BoolArray, IntArray, block_means, length, wrapped
+from companion.analysis.reference import BoolArray, block_means, length, wrapped
 from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import field_at
-from companion.model import (
-    STANDARD_GRAVITY,
-    Array,
-    CompassTrack,
-    DataError,
-    Flight,
-    GpsTrack,
-    ImuTrack,
-    median,
-    percentile,
-)
+from companion.model import STANDARD_GRAVITY, Array, CompassTrack, DataError, Flight, ImuTrack, median, percentile
 from companion.strapdown import quaternion
 
 Outcome = Literal["go", "no_go", "unknown"]
@@ -430,25 +420,21 @@ def gps_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
         newest = np.flatnonzero(inside)[-max(1, int(inside.sum()) // 4) :]
         if not len(newest):
             continue
-        yield from _receiver(flight, one, newest)
+        fix, satellites = float(np.median(one.fix_type[newest])), float(np.nanmedian(one.satellites[newest]))
+        yield _judged(flight, "gps_fix", one.source, check.FIX_3D - fix, 0.1, 0.5, "", f"fix type {fix:.0f}")
+        lacking, note = harm.GPS_SATELLITES - satellites, f"{satellites:.0f} satellites, {harm.GPS_SATELLITES} needed"
+        yield _judged(flight, "gps_satellites", one.source, lacking, 0.1, 0.5, "", note)
+        for name, limit in harm.GPS_POOR.items():
+            values = getattr(one, name)[newest]
+            if np.isfinite(values).any():
+                size, unit = float(np.nanmedian(values)), "m/s" if name.startswith("speed") else "m"
+                yield _judged(flight, f"gps_{name}", one.source, size, 0.05 * limit, limit, unit)
         fixed = newest[one.fix_type[newest] >= check.FIX_3D]
         speed = length(one.velocity[fixed, :2])
         if np.isfinite(speed).any():
             sigma = float(np.nanmedian(one.speed_sigma[fixed])) if np.isfinite(one.speed_sigma[fixed]).any() else 0.1
             moves, note = float(np.nanmedian(speed)), "while it stands"
             yield _judged(flight, "gps_speed", one.source, moves, min(sigma, 0.1), healthy.REST_MPS, "m/s", note)
-
-
-def _receiver(flight: Flight, one: GpsTrack, newest: IntArray) -> Iterator[Check]:
-    fix, satellites = float(np.median(one.fix_type[newest])), float(np.nanmedian(one.satellites[newest]))
-    yield _judged(flight, "gps_fix", one.source, check.FIX_3D - fix, 0.1, 0.5, "", f"fix type {fix:.0f}")
-    lacking, note = harm.GPS_SATELLITES - satellites, f"{satellites:.0f} satellites, {harm.GPS_SATELLITES} needed"
-    yield _judged(flight, "gps_satellites", one.source, lacking, 0.1, 0.5, "", note)
-    for name, limit in harm.GPS_POOR.items():
-        values = getattr(one, name)[newest]
-        if np.isfinite(values).any():
-            size, unit = float(np.nanmedian(values)), "m/s" if name.startswith("speed") else "m"
-            yield _judged(flight, f"gps_{name}", one.source, size, 0.05 * limit, limit, unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from companion.analysis.findings import findings
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.outages import jump_findings
-from companion.analysis.findings.readings import goes_to_and_fro, lags
+from companion.analysis.findings.readings import lags, turns_back
 from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
@@ -749,12 +749,12 @@ def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
     """Of whole steps: an axis that swings and then rests is in order, one that is noisy and then rests is stuck."""
     t = np.arange(0.0, 40.0, 0.01)
     swing, noise = np.trunc(200.0 * np.sin(4.0 * t)), np.random.default_rng(4).normal(0.0, 4.0, len(t))
-    assert not goes_to_and_fro(np.diff(swing), 100.0)
-    assert goes_to_and_fro(np.diff(np.trunc(noise)), 100.0)
-    assert goes_to_and_fro(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)
+    assert not turns_back(np.diff(swing), 100.0)
+    assert turns_back(np.diff(np.trunc(noise)), 100.0)
+    assert turns_back(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)
     yaws = np.where(t % 3.0 < 1.0, 3000.0 * (t % 3.0), 0.0)  # at each corner, by far more than the noise
-    assert goes_to_and_fro(np.diff(np.trunc(yaws + noise)), 100.0)
-    assert not goes_to_and_fro(np.diff(np.trunc(yaws)), 100.0)
+    assert turns_back(np.diff(np.trunc(yaws + noise)), 100.0)
+    assert not turns_back(np.diff(np.trunc(yaws)), 100.0)
 
 
 @pytest.mark.parametrize("dead", [True, False])

@@ -15,17 +15,7 @@ from companion.analysis.finding import Finding, Span, ends_of, grouped, standing
 from companion.analysis.phases import ON_THE_GROUND, in_the_air
 from companion.analysis.reference import BoolArray, length, window, within
 from companion.constants import check, harm, healthy, priors
-from companion.model import (
-    Array,
-    BarometerTrack,
-    CompassTrack,
-    Flight,
-    GpsTrack,
-    ImuTrack,
-    ned_from_geodetic,
-    of_kind,
-    rows,
-)
+from companion.model import BarometerTrack, CompassTrack, Flight, GpsTrack, ImuTrack, ned_from_geodetic, of_kind, rows
 from companion.strapdown import preintegrate, quaternion
 
 _Track = CompassTrack | BarometerTrack | GpsTrack
@@ -177,13 +167,14 @@ def _should_have_changed(track: _Track, part: slice, flight: Flight, imu: ImuTra
         least = steps + 3.0 * healthy.GPS_HEIGHT_WANDER_M
         return any(len(h) > 2 and float(np.subtract(*np.percentile(h, [90, 10]))) > least for h in heights)
     moves = [np.nanmedian(length(one.velocity[at][:, :2])) for one, at in fixes if at.any()]
-    return any(speed > harm.FROZEN_MPS for speed in moves) and _turned(track.field[part][0], imu, begin, end) > steps
+    return any(speed > harm.FROZEN_MPS for speed in moves) and _turned(track, imu, begin, end) > steps
 
 
-def _turned(field: Array, imu: ImuTrack | None, begin: float, end: float) -> float:
-    """By how much the gyro says that a field (3,) had to change in the body between two times (s), in its unit."""
+def _turned(track: CompassTrack, imu: ImuTrack | None, begin: float, end: float) -> float:
+    """By how much the gyro says that the field had to change in the body between two times (s), in its unit."""
     if imu is None:
         return 0.0
+    field = track.field[np.searchsorted(track.t, begin)]
     during = window(imu.t, begin, end)
     if during.stop - during.start < 3:
         return 0.0

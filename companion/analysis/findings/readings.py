@@ -165,7 +165,7 @@ def never_repeats(same: BoolArray, rate_hz: float) -> bool:
     return len(seconds) >= check.MIN_SECONDS and float(seconds.max()) < check.REPEATED_SELDOM
 
 
-def goes_to_and_fro(change: Array, rate_hz: float) -> bool:
+def turns_back(change: Array, rate_hz: float) -> bool:
     """Whether changes (n,) turn back in the quietest third of all seconds, as those of noise do.
 
     A turn hides the noise in the others; of a vehicle that only turns, without noise, they turn back in none.

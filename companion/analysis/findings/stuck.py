@@ -13,15 +13,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Cause, Finding, run_edges, standing_still
-from companion.analysis.findings.readings import (
-    beside,
-    by_second,
-    evened,
-    goes_to_and_fro,
-    never_repeats,
-    read_by,
-    swing,
-)
+from companion.analysis.findings.readings import beside, by_second, evened, never_repeats, read_by, swing, turns_back
 from companion.analysis.phases import down_in_body, judged_at
 from companion.analysis.reference import BoolArray, IntArray, length, turn_between, within
 from companion.constants import check, harm, healthy, priors
@@ -138,7 +130,7 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
     samples = sensor.rate_hz * sensor.window_s
     restless = never_repeats(axes.same[elsewhere], samples)
     if restless and sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
-        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], samples)
+        restless = turns_back(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], samples)
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], samples)
     usual = np.median(axes.beside, axis=0)
     spreads = _beside_others(axes, others) if sensor.step and (lasted > stuck_s).any() else []
