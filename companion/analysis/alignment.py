@@ -19,9 +19,9 @@ import numpy as np
 
 from companion.analysis.budget import persistent_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import ends_of, runs
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import BoolArray, IntArray, attitude_error, length, within, wrapped
+from companion.analysis.spans import ends_of, runs
 from companion.constants import check, harm, healthy, num
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, propagate, quaternion

@@ -34,7 +34,8 @@ from companion.analysis.fault_interval import (
     rival,
     turn_of_compass,
 )
-from companion.analysis.finding import Finding, Severity, Side, ends_of
+from companion.analysis.finding import Finding, Severity, Side
+from companion.analysis.spans import ends_of
 from companion.constants import check, harm, num, priors
 from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, probabilities, times_of_change
 from companion.model import SensorInUse, words

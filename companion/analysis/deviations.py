@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, unreported
-from companion.analysis.finding import Finding, ends_of, runs
+from companion.analysis.finding import Finding
 from companion.analysis.phases import flight_of, judged_at, phases
 from companion.analysis.reference import (
     BoolArray,
@@ -25,6 +25,7 @@ from companion.analysis.reference import (
     reference_at,
     wrapped,
 )
+from companion.analysis.spans import ends_of, runs
 from companion.constants import check, harm, healthy, num
 from companion.estimation import ATTITUDE, CONSTANTS, HEIGHTS, POSITION, VELOCITY, BestEstimate, hypothesis_of
 from companion.model import (

@@ -31,9 +31,9 @@ from companion.analysis.comparison import (
     grid_origin,
     windows,
 )
-from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import length
+from companion.analysis.spans import unchanged
 from companion.constants import check, healthy, num
 from companion.model import Array, DataError, Flight, ImuTrack, SettingsError, brief, percentile
 

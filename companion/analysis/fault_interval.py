@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion.analysis.finding import Cause, Side, runs
+from companion.analysis.finding import Cause, Side
 from companion.analysis.reference import length
+from companion.analysis.spans import runs
 from companion.constants import check, harm, num, priors
 from companion.estimation import (
     HYPOTHESES,

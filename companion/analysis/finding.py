@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numpy as np
-
 from companion import estimation
-from companion.analysis.reference import BoolArray, IntArray
 from companion.constants import check
-from companion.model import Array
-
-Span = tuple[float, float]
-"""From when to when, s, boot clock."""
 
 Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
@@ -116,39 +109,6 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
 
 
-def ends_of(t: Array) -> Span:
-    """The first and the last of times (N,), s."""
-    return float(t[0]), float(t[-1])
-
-
 def are_near(findings: Iterable[Finding], t: float) -> bool:
     """Whether any of some findings is of a time t, s, or near it."""
     return any(one.start_s - check.NEAR_S <= t <= one.end_s + check.NEAR_S for one in findings)
-
-
-def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:
-    """First and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return edges[::2], edges[1::2] - 1
-
-
-def runs(flags: BoolArray) -> Iterator[tuple[int, int]]:
-    """The same, run by run."""
-    yield from zip(*(edge.tolist() for edge in run_edges(flags)), strict=True)
-
-
-def spans(t: Array, flags: BoolArray) -> list[Span]:
-    """From when to when each is; t: (N,) s."""
-    return [(float(t[first]), float(t[last])) for first, last in runs(flags)]
-
-
-def standing_still(same: BoolArray, t: Array, least_s: float) -> list[tuple[int, int]]:
-    """First and last of the samples at t (N,) that do not change for longer than so many s; same: (N-1,) neighbours."""
-    first, last = run_edges(same)
-    long = t[last + 1] - t[first] > least_s
-    return list(zip(first[long].tolist(), (last[long] + 1).tolist(), strict=True))
-
-
-def grouped(t: Array, at: IntArray, apart_s: float = check.GROUPED_S) -> list[IntArray]:
-    """Indices of times t (N,), those that are close together as one group."""
-    return np.split(at, np.flatnonzero(np.diff(t[at]) > apart_s) + 1) if len(at) else []

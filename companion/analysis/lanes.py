@@ -18,9 +18,10 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.deviations import COMPONENTS, at_first, keyframe_at_first
-from companion.analysis.finding import Cause, Finding, Span
+from companion.analysis.finding import Cause, Finding
 from companion.analysis.phases import flight_of, judged_at, judged_parts, phases
 from companion.analysis.reference import BoolArray, IntArray, attitude_error, length
+from companion.analysis.spans import Span
 from companion.constants import check, healthy, num, priors
 from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEstimate, Correlation, chi_square
 from companion.model import Array, EstimatorLane, Flight, SensorInUse, nearest

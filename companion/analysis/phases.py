@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.analysis.finding import Span, runs, spans
 from companion.analysis.reference import BoolArray, IntArray, length, window, within, within_any
+from companion.analysis.spans import Span, runs, spans
 from companion.constants import check, harm, healthy
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, PhaseKind, without
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over
 from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
@@ -132,14 +131,15 @@ def expected_since_anchor(
     return Expectation(times, allowed.total[first])
 
 
-def expected_by_age(assessment: Assessment, ages_s: Sequence[float]) -> Array:
+def expected_by_age(
+    comparison: Comparison, imu_spec: ImuSpec, autopilot: ReferenceSpec, ages_s: Sequence[float]
+) -> Array:
     """What the budget allows so long after an anchor, (A, 4): s, and 1σ of the error's length: °, m/s, m.
 
     The median over the windows of each length; lengths without a window are left out, and what the flight has no
     position for is 0.
     """
-    own, specs = assessment.comparison, (assessment.imu_spec, assessment.autopilot)
-    every = ((age, expected_over(own, windows(own, age), *specs)) for age in ages_s)
+    every = ((age, expected_over(comparison, windows(comparison, age), imu_spec, autopilot)) for age in ages_s)
     known = ((age, one) for age, one in every if one is not None)
     rows = [(age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0) for age, one in known]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)

@@ -17,12 +17,11 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.alignment import power_at_rest
-from companion.analysis.finding import runs
 from companion.analysis.findings.readings import read_by
-from companion.analysis.findings.stuck import unchanged
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import in_the_air
 from companion.analysis.reference import BoolArray, block_means, length, wrapped
+from companion.analysis.spans import runs, unchanged
 from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import field_at
 from companion.model import STANDARD_GRAVITY, Array, CompassTrack, DataError, Flight, ImuTrack, median, percentile

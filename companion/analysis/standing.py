@@ -32,7 +32,8 @@ from companion.analysis.fault_interval import (
 )
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.readings import read_by
-from companion.analysis.findings.stuck import still_window_s, unchanged
+from companion.analysis.findings.stuck import still_window_s
+from companion.analysis.spans import unchanged
 from companion.analysis.verdict import SUSPECT, WHOSE, Verdict, headline_of, stated_cause
 from companion.constants import check, healthy, num, priors
 from companion.estimation import (

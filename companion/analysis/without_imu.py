@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.deviations import at_first, beyond_the_sphere, least_deviation
 from companion.analysis.fault_interval import DEVIATION_UNITS
-from companion.analysis.finding import Finding, are_near, by_severity, spans
+from companion.analysis.finding import Finding, are_near, by_severity
 from companion.analysis.findings import autopilot_findings, with_reports
 from companion.analysis.phases import flight_of, in_control, judged_parts, phases
 from companion.analysis.reference import (
@@ -22,6 +22,7 @@ from companion.analysis.reference import (
     within_any,
     wrapped,
 )
+from companion.analysis.spans import spans
 from companion.analysis.verdict import Verdict, decide_without_imu
 from companion.constants import check, healthy
 from companion.estimation import CONSTANTS

@@ -261,7 +261,8 @@ def verdict_on(assignment: Assignment) -> Judging:
             raise NothingYetError(begun)
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
-            rows = expected_by_age(assessment, assignment.ages_s).tolist()
+            budget = assessment.comparison, assessment.imu_spec, assessment.autopilot
+            rows = expected_by_age(*budget, assignment.ages_s).tolist()
             band = tuple((age, attitude, velocity, position) for age, attitude, velocity, position in rows)
         return verdict, band
 

@@ -99,11 +99,11 @@ def test_a_free_run_goes_beyond_what_a_linear_budget_can_say(found: c.Assessment
 
 
 def test_by_age_it_is_what_the_drift_table_expects(found: c.Assessment) -> None:
-    by_age = expected_by_age(found, (1.0, 10.0, 500.0))
+    by_age = expected_by_age(found.comparison, found.imu_spec, found.autopilot, (1.0, 10.0, 500.0))
     assert by_age[:, 0].tolist() == [1.0, 10.0], "no window is so long"
     for (age, *sigma), row in zip(by_age.tolist(), (0, 3), strict=True):
         one = found.expected[row]
         assert one
         assert found.drift.rows[row].horizon_s == age
         assert sigma == [one.attitude_deg, one.velocity_mps, one.position_m]
-    assert expected_by_age(found, ()).shape == (0, 4)
+    assert expected_by_age(found.comparison, found.imu_spec, found.autopilot, ()).shape == (0, 4)

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis.finding import Finding, Span, ends_of, grouped, standing_still
+from companion.analysis.finding import Finding
 from companion.analysis.phases import ON_THE_GROUND, in_the_air
 from companion.analysis.reference import BoolArray, length, window, within
+from companion.analysis.spans import Span, ends_of, grouped, standing_still
 from companion.constants import check, harm, healthy, priors
 from companion.model import BarometerTrack, CompassTrack, Flight, GpsTrack, ImuTrack, ned_from_geodetic, of_kind, rows
 from companion.strapdown import preintegrate, quaternion

@@ -15,10 +15,11 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, means_between
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding, ends_of
+from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.settings import board_orientation, compass_orientation, is_internal, mended
 from companion.analysis.phases import UPRIGHT, down_in_body, flown, phases
 from companion.analysis.reference import BoolArray, length, turn_between
+from companion.analysis.spans import ends_of
 from companion.constants import check, harm, healthy, num
 from companion.estimation import BestEstimate, Reading, TurnedCompass, righted, turned_compasses
 from companion.model import (

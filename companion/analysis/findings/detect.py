@@ -17,7 +17,7 @@ from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
 from companion.analysis.deviations import called_and_possible, known_biases
 from companion.analysis.fault_interval import fault_intervals
-from companion.analysis.finding import Cause, Finding, are_near, by_severity, ends_of
+from companion.analysis.finding import Cause, Finding, are_near, by_severity
 from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import installation, installation_findings
@@ -37,6 +37,7 @@ from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import aligned_at, landed_at, phases, unjudged
 from companion.analysis.reference import Limits, window, within
+from companion.analysis.spans import ends_of
 from companion.constants import check, healthy, num
 from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Flight, ImuTrack, Phase, Series

@@ -16,8 +16,9 @@ import numpy as np
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian, window_noise
 from companion.analysis.calibrate import Correction, lever_jacobian
 from companion.analysis.comparison import Comparison, Windows, errors, windows
-from companion.analysis.finding import Finding, Severity, ends_of
+from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.spans import ends_of
 from companion.constants import check, harm, healthy
 from companion.model import Array, Flight, ImuTrack
 from companion.strapdown import Propagation

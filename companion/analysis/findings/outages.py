@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Cause, Finding, Severity, Span, ends_of, grouped, runs
+from companion.analysis.finding import Cause, Finding, Severity
 from companion.analysis.phases import aligned_at, in_the_air, phases
 from companion.analysis.reference import (
     BoolArray,
@@ -24,6 +24,7 @@ from companion.analysis.reference import (
     within,
     within_any,
 )
+from companion.analysis.spans import Span, ends_of, grouped, runs
 from companion.constants import check, harm, num
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack, of_kind
 from companion.strapdown import quaternion

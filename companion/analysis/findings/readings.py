@@ -11,10 +11,11 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding, Severity, ends_of, grouped, run_edges
+from companion.analysis.finding import Cause, Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.phases import down_in_body
 from companion.analysis.reference import BoolArray, IntArray, turn_between, window
+from companion.analysis.spans import ends_of, grouped, run_edges
 from companion.constants import check, harm, healthy, priors
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, counted, median
 

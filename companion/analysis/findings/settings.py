@@ -17,9 +17,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.finding import Finding, ends_of
+from companion.analysis.finding import Finding
 from companion.analysis.phases import flown, phases
 from companion.analysis.reference import Limits, attitude_error, length, reference_at, within_any, wrapped
+from companion.analysis.spans import ends_of
 from companion.constants import check, harm, healthy, num
 from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, hypothesis_of
 from companion.model import ORIENTATIONS, Array, Flight, orientation_name, orientation_number, orientations

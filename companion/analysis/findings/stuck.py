@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Cause, Finding, run_edges, standing_still
+from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings.readings import beside, by_second, evened, never_repeats, read_by, swing, turns_back
 from companion.analysis.phases import down_in_body, judged_at
 from companion.analysis.reference import BoolArray, IntArray, length, turn_between, within
+from companion.analysis.spans import run_edges, standing_still, unchanged
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
-from companion.model import Array, Flight, ImuTrack, NoEstimateError, median, nearest
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, nearest
 
 
 class Sensor:
@@ -56,19 +57,6 @@ def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
             rest = [i for i in range(3) if i != axis]
             yield _Axes(one, (axis,), one.same[:, axis], one.change[:, rest], one.same[:, rest])
         yield _Axes(one, (0, 1, 2), np.asarray(one.same.all(axis=1)), other.change, other.same)
-
-
-def unchanged(readings: Array) -> BoolArray:
-    """Where each of readings (N, 3) is the one before, (N-1, 3). Floats flicker in their last digits."""
-    change = np.abs(np.diff(readings, axis=0))
-    if not len(change):
-        return np.zeros((0, 3), np.bool_)
-    nothing = np.full(3, check.STUCK_CHANGE * max(map(median, change.T)))
-    own = check.STUCK_CHANGE * np.quantile(change, check.STUCK_USUAL, axis=0)
-    usual = np.quantile(readings, (1.0 - check.STUCK_USUAL, check.STUCK_USUAL), axis=0)
-    moves = np.ptp(usual, axis=0) > check.STUCK_SWING * nothing
-    nothing[moves] = np.minimum(nothing, own)[moves]  # the others may be shaken alone
-    return np.asarray(change <= np.maximum(nothing, check.FLOAT32_BITS * np.abs(readings[1:])))
 
 
 def stuck_findings(

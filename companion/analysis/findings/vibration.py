@@ -15,11 +15,12 @@ import numpy as np
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
 from companion.analysis.fault_interval import SENSOR_WORDS
-from companion.analysis.finding import Cause, Finding, Severity, ends_of, runs
+from companion.analysis.finding import Cause, Finding, Severity
 from companion.analysis.findings.readings import read_by
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import BoolArray
+from companion.analysis.spans import ends_of, runs
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import clip_counters, vibration
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, Series, counted, of_kind
