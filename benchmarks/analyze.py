@@ -38,9 +38,9 @@ STAGES: dict[str, tuple[str, ...]] = {
         "estimation/search.py", "estimation/scan.py", "estimation/evidence.py", "estimation/identifiability.py",
         "estimation/differences.py",
     ),
-    "smooth": ("estimation",),
-    "masks": ("analysis/findings", "analysis/phases.py"),
-    "drift": ("analysis", "strapdown"),
+    "smooth": ("estimation", "noise"),
+    "masks": ("hypotheses/findings", "comparison/phases.py"),
+    "drift": ("comparison", "hypotheses", "strapdown"),
     "present": ("present", "cli", "documents"),
 }  # fmt: skip
 """Stage → the files of companion/ that it is; a stack with functions of several is of the first of them. Readers are

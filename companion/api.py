@@ -3,30 +3,26 @@
 from typing import TYPE_CHECKING, Any
 
 from companion import export
-from companion.analysis import (
-    Assessment,
+from companion.app.examination import Examination, examine, one_blas_thread
+from companion.app.recording import open_log
+from companion.app.settings import Settings, load_settings
+from companion.comparison import (
     Calibration,
-    Contrast,
     Drift,
     DriftRow,
-    Finding,
     Integration,
     Limits,
     PoseError,
     Replay,
     Statistic,
-    Verdict,
     ape,
-    contrast,
     drift,
     replay,
     rpe,
 )
-from companion.app.examination import Examination, examine, one_blas_thread
-from companion.app.recording import open_log
-from companion.app.settings import Settings, load_settings
 from companion.estimation import BestEstimate
 from companion.estimation import smooth as _smooth
+from companion.hypotheses import Assessment, Contrast, Finding, Verdict, contrast
 from companion.model import (
     AttitudeTrack,
     CompanionError,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import GENERIC
+from companion.comparison import GENERIC
 from companion.model import (
     STANDARD_GRAVITY,
     AttitudeTrack,

@@ -1,4 +1,7 @@
-"""The house: mavlink → logs → telemetry → model ← strapdown ← estimation ← analysis ← app ← pages ← cli, never back."""
+"""The house, whose arrows never turn back.
+
+mavlink → logs → telemetry → model ← strapdown, noise ← estimation ← comparison ← hypotheses ← app ← pages ← cli
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,7 @@ PACKAGE = Path(companion.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to(PACKAGE).parts)
 
 GROUND = {"model"}
+CORE = ("strapdown", "noise", "estimation", "comparison", "hypotheses")
 CONSTANTS = {f"constants.{table}" for table in ("healthy", "harm", "priors", "num", "check")}
 MAY_IMPORT = {
     "model": set[str](),
@@ -27,50 +31,94 @@ MAY_IMPORT = {
     "strapdown": GROUND,
     "constants": set[str](),
     **dict.fromkeys(CONSTANTS, GROUND),
-    "estimation": GROUND | CONSTANTS | {"strapdown"},
-    "analysis": GROUND | CONSTANTS | {"strapdown", "estimation"},
+    "noise": GROUND | CONSTANTS,
+    "estimation": GROUND | CONSTANTS | {"strapdown", "noise"},
+    "comparison": GROUND | CONSTANTS | {"strapdown", "noise", "estimation"},
+    "hypotheses": GROUND | CONSTANTS | {"strapdown", "noise", "estimation", "comparison"},
+    "analysis": {"model", "estimation", "comparison", "hypotheses"},
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.files": GROUND,
-    "app.settings": GROUND | {"strapdown", "analysis", "app.files"},
-    "app.correction": GROUND | {"app.files", "analysis"},
-    "app.sensors": GROUND | {"installation", "telemetry", "app.files", "analysis"},
+    "app.settings": GROUND | {"strapdown", "comparison", "hypotheses", "app.files"},
+    "app.correction": GROUND | {"app.files", "comparison", "hypotheses"},
+    "app.sensors": GROUND | {"installation", "telemetry", "app.files", "comparison", "hypotheses"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
-    | {"constants.num", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
-    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "analysis"},
+    | {"constants.num", "app.settings", "app.sensors", "app.correction", "estimation", "comparison", "hypotheses"},
+    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "comparison", "hypotheses"},
     "app.running_verdict": GROUND
-    | {"constants.num", "mavlink", "estimation", "analysis"}
+    | {"constants.num", "mavlink", "estimation", "comparison", "hypotheses"}
     | {"app.settings", "app.examination", "app.live"},
-    "present": GROUND | {"strapdown", "estimation", "analysis"},
-    "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
-    "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
-    "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
+    "present": GROUND | {"strapdown", "noise", "estimation", "comparison", "hypotheses"},
+    "documents": GROUND | {"noise", "estimation", "comparison", "hypotheses", "app.recording", "app.examination"},
+    "export": GROUND | {"installation", "strapdown", "estimation", "comparison", "hypotheses", "present"},
+    "view": GROUND | {"strapdown", "noise", "estimation", "comparison", "hypotheses", "present"},
     "report": GROUND
-    | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
+    | {
+        "installation",
+        "strapdown",
+        "noise",
+        "estimation",
+        "comparison",
+        "hypotheses",
+        "app.settings",
+        "app.recording",
+        "app.examination",
+    }
     | {"app.sensors"}
     | {"documents", "present", "view"},
     "pages": set[str](),
     "pages.replay": GROUND
-    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"}
+    | {
+        "comparison",
+        "hypotheses",
+        "app.settings",
+        "app.correction",
+        "app.recording",
+        "app.examination",
+        "report",
+        "view",
+    }
     | {"app.sensors"},
     "pages.live": GROUND
-    | {"links", "analysis", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
+    | {"links", "comparison", "hypotheses", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
     "pages.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
-    "mavproxy": GROUND | {"mavlink", "analysis", "app.settings", "app.running_verdict"},
+    "mavproxy": GROUND | {"mavlink", "comparison", "hypotheses", "app.settings", "app.running_verdict"},
     "fleet": GROUND
-    | {"installation", "mavlink", "logs", "telemetry", "analysis", "app.files", "app.settings", "app.sensors"}
+    | {
+        "installation",
+        "mavlink",
+        "logs",
+        "telemetry",
+        "comparison",
+        "hypotheses",
+        "app.files",
+        "app.settings",
+        "app.sensors",
+    }
     | {"app.recording", "app.examination", "documents", "present", "export", "report"},
     "cli": GROUND
-    | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
+    | {
+        "installation",
+        "mavlink",
+        "logs",
+        "links",
+        "telemetry",
+        "strapdown",
+        "noise",
+        "estimation",
+        "comparison",
+        "hypotheses",
+        "simulate",
+    }
     | {"app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
     | {"app.live", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api", "mavproxy"},
     "api": GROUND
-    | {"strapdown", "estimation", "analysis", "app.settings"}
+    | {"strapdown", "estimation", "comparison", "hypotheses", "app.settings"}
     | {"app.recording", "app.examination", "pages.notebook"}
     | {"export", "report"},
 }
@@ -100,7 +148,9 @@ LIBRARIES = {
     "model": {"numpy"},
     "strapdown": {"numpy"},
     "estimation": {"numpy", "pygeomag"},
-    "analysis": {"numpy"},
+    "noise": {"numpy"},
+    "comparison": {"numpy"},
+    "hypotheses": {"numpy"},
     "mavlink": {"numpy", "pymavlink"},
     "logs": {"numpy"},
     "links": {"numpy", "serial"},
@@ -200,7 +250,7 @@ def test_a_module_of_the_view_imports_only_what_its_room_may(path: Path) -> None
         assert not (room == "state" and name.split(".")[0] == "viser"), "what is shown knows no browser"
 
 
-@pytest.mark.parametrize("part", ["model", "strapdown", *sorted(CONSTANTS), "estimation", "analysis"])
+@pytest.mark.parametrize("part", ["model", *sorted(CONSTANTS), *CORE])
 def test_the_core_is_pure(part: str) -> None:
     for path in (p for p in MODULES if part_at(p) == part):
         standard = {name.split(".")[0] for name in imports(path)} & sys.stdlib_module_names
@@ -209,7 +259,7 @@ def test_the_core_is_pure(part: str) -> None:
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
 
 
-@pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
+@pytest.mark.parametrize("part", ["model", *CORE])
 def test_a_part_of_the_core_can_be_the_first_that_is_imported(part: str) -> None:
     """The API at the top loads everything when it is first used: no import of a part may count as that."""
     import subprocess  # noqa: PLC0415

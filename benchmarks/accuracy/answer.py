@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from companion.analysis import Verdict
 from companion.app.examination import examine, unexaminable
+from companion.hypotheses import Verdict
 from companion.model import Flight
 
 Side = Literal["none", "imu", "autopilot", "cannot_tell"]

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import PARTS, Correction, ImuSpec, ReferenceSpec, calibrate, compare, known_from
 from companion.app.sensors import imu_parts, load_imu_spec
+from companion.comparison import PARTS, Correction, ImuSpec, ReferenceSpec, calibrate, compare, known_from
 from companion.estimation import smooth
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, Vehicle
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import Alarm
 from companion.app.running_verdict import Assignment, judges_of
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.cli.senders import model_of
+from companion.hypotheses import Alarm
 from companion.mavlink import Decoder, load_dialect
 from companion.simulate import SimulatedVehicle, fly
 

@@ -31,8 +31,8 @@ from benchmarks.accuracy.labels import SHARED, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import detectable_table, table
 from benchmarks.accuracy.reliability import Claim, reliability
-from companion.analysis.reference import attitude_error, length
 from companion.app.recording import read_recording
+from companion.comparison.reference import attitude_error, length
 from companion.constants import healthy
 from companion.model import CompanionError, DataError, Flight
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.analysis import LaneSpan
-from companion.analysis.lanes import healthy_bound
-from companion.analysis.reference import attitude_error
 from companion.app.examination import lanes_of
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
+from companion.comparison.reference import attitude_error
 from companion.constants import healthy
+from companion.hypotheses import LaneSpan
+from companion.hypotheses.lanes import healthy_bound
 from companion.model import Array, CompanionError, EstimatorLane, TruthTrack, nearest
 
 

@@ -20,8 +20,9 @@ import numpy as np
 
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.verdicts import SECONDS, Fault, flight, none
-from companion.analysis import ImuSpec, assess
 from companion.app.live import HORIZON_S, PAUSE_S
+from companion.comparison import ImuSpec
+from companion.hypotheses import assess
 from companion.model import (
     Array,
     AttitudeTrack,

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Preflight, preflight
 from companion.app.recording import read_recording
 from companion.app.sensors import imu_spec_of
 from companion.constants import harm, healthy
+from companion.hypotheses import Preflight, preflight
 from companion.model import STANDARD_GRAVITY, CompanionError, Flight, GpsTrack, ImuTrack
 
 _GYRO = healthy.USUAL_BIAS["gyro"]

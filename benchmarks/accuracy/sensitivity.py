@@ -27,13 +27,13 @@ from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.labelled import HERE
 from benchmarks.accuracy.labels import SHARED, Label, Outcome, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import assessment, attribution, constant_faults, deviations
-from companion.analysis.fault_interval import EstimatorDeviation, FaultInterval
 from companion.app.recording import read_recording
 from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, Hypothesis, search, setup, smooth, smoother
 from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import Trial, trial
+from companion.hypotheses import assessment, attribution, constant_faults, deviations
+from companion.hypotheses.fault_interval import EstimatorDeviation, FaultInterval
 from companion.model import Array, CompanionError, Flight
 
 QUICK = (

@@ -19,11 +19,11 @@ from benchmarks.accuracy.cutting import at, attitude_at
 from benchmarks.accuracy.labelled import HERE
 from benchmarks.accuracy.labels import SHARED, load_labels, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import phases
-from companion.analysis.budget import nees
-from companion.analysis.reference import attitude_error, length
 from companion.api import smooth
 from companion.app.recording import read_recording
+from companion.comparison import phases
+from companion.comparison.budget import nees
+from companion.comparison.reference import attitude_error, length
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.model import Array, CompanionError, Flight, TruthTrack
 from companion.strapdown import quaternion

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import ImuSpec, assess
 from companion.app.sensors import imu_parts, load_imu_spec
+from companion.comparison import ImuSpec
+from companion.hypotheses import assess
 from companion.model import (
     STANDARD_GRAVITY,
     Array,

@@ -23,10 +23,10 @@ import msgspec
 import numpy as np
 
 from benchmarks.accuracy.labels import PACKED, SHARED
-from companion.analysis import Band, Cause, LiveVerdict, Verdict
 from companion.app.live import Judge, Pace, new_stream
 from companion.app.running_verdict import Assignment, verdict_on
 from companion.app.settings import Settings
+from companion.hypotheses import Band, Cause, LiveVerdict, Verdict
 from companion.mavlink import Decoder, load_dialect, log_time
 from companion.model import Flight
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from companion.analysis import PARTS, Calibration, Correction
 from companion.app.files import read_toml
+from companion.comparison import PARTS, Calibration, Correction
 from companion.model import InputError, SettingsError
 
 _FORMAT = 2

@@ -20,34 +20,28 @@ from typing import Any, ParamSpec, TypeVar
 import msgspec
 import numpy as np
 
-from companion.analysis import (
+from companion.app.correction import load_correction
+from companion.app.sensors import imu_spec_of, load_imu_spec
+from companion.app.settings import Settings
+from companion.comparison import (
     NO_CORRECTION,
     Alignment,
-    Assessment,
     Comparison,
     ImuNoise,
     ImuSpec,
     Integration,
-    Lanes,
     Limits,
     RedundantImu,
     ReferenceSpec,
-    Verdict,
     align,
-    assess,
     compare,
     each_imu,
     gravity_for,
     imu_noise,
-    judge_lanes,
-    known_share,
     reported_by,
-    verdict_without_imu,
 )
-from companion.app.correction import load_correction
-from companion.app.sensors import imu_spec_of, load_imu_spec
-from companion.app.settings import Settings
 from companion.estimation import BestEstimate, Effort
+from companion.hypotheses import Assessment, Lanes, Verdict, assess, judge_lanes, known_share, verdict_without_imu
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
 
 P = ParamSpec("P")

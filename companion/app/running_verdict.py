@@ -26,7 +26,13 @@ from typing import IO, Self
 
 import msgspec
 
-from companion.analysis import (
+from companion.app.examination import assess_imu, give_back
+from companion.app.live import Judges, Judging, NothingYetError, new_stream
+from companion.app.settings import Settings
+from companion.comparison import expected_by_age, phases
+from companion.constants import num
+from companion.estimation import BestEstimate, Effort
+from companion.hypotheses import (
     Assessment,
     Band,
     LiveVerdict,
@@ -34,15 +40,8 @@ from companion.analysis import (
     Verdict,
     believable,
     carried_on,
-    expected_by_age,
-    phases,
     standing_verdict,
 )
-from companion.app.examination import assess_imu, give_back
-from companion.app.live import Judges, Judging, NothingYetError, new_stream
-from companion.app.settings import Settings
-from companion.constants import num
-from companion.estimation import BestEstimate, Effort
 from companion.mavlink import Frames
 from companion.model import DataError, Flight, counted
 

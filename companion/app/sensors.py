@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from companion.analysis import ImuNoise, ImuSpec, ModelFigure, Preflight, SensorSpec, noise_model, preflight
 from companion.app.files import read_toml
+from companion.comparison import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise_model
+from companion.hypotheses import Preflight, preflight
 from companion.installation import data_folder
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
 from companion.telemetry import id_parameters

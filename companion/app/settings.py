@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from companion.analysis import HORIZONS_S, Integration, Limits, ReferenceSpec
 from companion.app.files import read_toml
+from companion.comparison import HORIZONS_S, Integration, Limits, ReferenceSpec
 from companion.model import InputError, SettingsError
 from companion.strapdown import METHODS, MIDDLES
 

@@ -14,12 +14,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion import present
-from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examined_or_not
 from companion.cli import many_logs, options, tables
 from companion.cli.info import reference_line
 from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
+from companion.hypotheses import Assessment, Finding, rate_warning
 from companion.model import DataError, Flight, counted, words
 
 

@@ -18,13 +18,13 @@ from xml.etree import ElementTree as ET
 import msgspec
 from rich.markup import escape
 
-from companion.analysis import Verdict
 from companion.app import files
 from companion.app.examination import Examination, examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.documents import SCHEMA
+from companion.hypotheses import Verdict
 from companion.model import CompanionError, DataError, InputError, counted
 from companion.present import QUANTITIES, span
 

@@ -9,11 +9,12 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.app.examination import Examination, examine
 from companion.app.recording import Recording
 from companion.cli import options, tables
+from companion.comparison import DriftRow, Expected
 from companion.documents import contrast_document, encode
+from companion.hypotheses import Change, Contrast, contrast
 from companion.model import DataError, SettingsError, words
 from companion.present import CALIBRATED, QUANTITIES, clause, dominant, fixed, method_words
 

@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
 from companion.cli import many_logs, options, tables
+from companion.comparison import phases
 from companion.documents import encode, info_document
-from companion.model import Flight, SettingsError, counted, longest_step
+from companion.model import Flight, Item, SettingsError, counted, inventory, longest_step, used_aiding, used_imus
 from companion.present import capitalised, severity_word, vehicle_words
 
 _MOST_SHOWN = 16  # flights

@@ -9,12 +9,11 @@ from typing import TypeAlias
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Item, inventory, used_imus
 from companion.app.examination import Examination, examined_or_not
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
-from companion.model import CompanionError, Flight, SettingsError, counted
+from companion.model import CompanionError, Flight, Item, SettingsError, counted, inventory, used_imus
 from companion.present import autopilot_words, clause, fixed
 
 _HORIZON_S = 10.0

@@ -10,16 +10,16 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import FlightNoise, ImuNoise, RestNoise
 from companion.app import files
 from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
 from companion.cli import options, tables
+from companion.comparison import FlightNoise, ImuNoise, RestNoise
 from companion.documents import noise_document
-from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
 from companion.model import DataError, Flight, InputError
+from companion.noise import folded_gain, folded_onto
 from companion.present import SENSORS, density, fixed, interval
 
 _VIBRATION = {"gyro": ("°/s", float(np.degrees(1.0))), "accel": ("m/s²", 1.0)}

@@ -11,14 +11,15 @@ import webbrowser
 from functools import partial
 from pathlib import Path
 
-from companion.analysis import Replay, ape, incident
 from companion.app import files
 from companion.app.correction import correction_text
 from companion.app.examination import assess_imu, examine, examined_or_not, unexaminable
 from companion.cli import options, tables
+from companion.comparison import Replay, ape
 from companion.documents import analysis_document, encode, incident_document, series_document
 from companion.export import FORMATS, Contents, assessed_replay, harmless, listed, thinned
 from companion.export import tables as tables_of
+from companion.hypotheses import incident
 from companion.model import DataError, SettingsError, counted, nearest_word
 from companion.present import incident_markdown
 

@@ -12,13 +12,13 @@ from tempfile import TemporaryDirectory
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Ageing, Preflight, ageing
 from companion.app.recording import Recording
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.cli import live, options, tables
 from companion.documents import preflight_document
 from companion.fleet import earlier_checks
+from companion.hypotheses import Ageing, Preflight, ageing
 from companion.links import is_link
 from companion.model import DataError, Flight, counted
 from companion.present import preflight_headline, preflight_table

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import ImuSpec, SensorSpec
 from companion.app import files
 from companion.app.sensors import ardupilot_id, load_imu_spec
 from companion.cli import live, options
+from companion.comparison import ImuSpec, SensorSpec
 from companion.links import Address, Port, open_port, parse_address, play
 from companion.logs import log_format
 from companion.mavlink import load_dialect

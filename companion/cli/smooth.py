@@ -12,11 +12,11 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import AutopilotError, Lanes, Limits, autopilot_error, noise_in_flight, percent
 from companion.app import files
 from companion.app.examination import assess_imu, integration_of, lanes_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, tables
+from companion.comparison import Limits, noise_in_flight
 from companion.documents import estimate_document, lanes_document
 from companion.estimation import (
     AIDING_SENSORS,
@@ -29,6 +29,7 @@ from companion.estimation import (
     smooth,
 )
 from companion.export import write_estimate_tum
+from companion.hypotheses import AutopilotError, Lanes, autopilot_error, percent
 from companion.model import BiasTrack, Flight
 from companion.present import SENSORS, capitalised, fixed, lane_lines, lane_table, shown_unit, words
 

@@ -14,8 +14,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion import present
-from companion.analysis import PARTS, Alignment, Assessment, Calibration, Verdict
+from companion.comparison import PARTS, Alignment, Calibration
 from companion.documents import Document, encode
+from companion.hypotheses import Assessment, Verdict
 from companion.model import Array, counted
 
 _STATUS = {"consistent": "green", "imu_suspect": "red", "autopilot_suspect": "red", "insufficient_data": "yellow"}

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from companion.analysis import Integration
 from companion.app.examination import give_back, limits_of
 from companion.app.live import Attachment
 from companion.app.settings import Settings
 from companion.cli import live, options
 from companion.cli.main import report_unexpected
+from companion.comparison import Integration
 from companion.links import Recorder, is_link
 from companion.model import CompanionError, SettingsError
 

@@ -19,12 +19,12 @@ from typing import Any, TypeAlias
 
 from rich.markup import escape
 
-from companion.analysis import LiveVerdict
 from companion.app.examination import examined_or_not
 from companion.app.recording import read_recording
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.cli import live, options, tables
+from companion.hypotheses import LiveVerdict
 from companion.installation import missing
 from companion.links import Session, announce
 from companion.logs import looks_like_a_log

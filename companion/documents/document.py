@@ -11,40 +11,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from companion.analysis import (
-    PARTS,
-    Ageing,
-    Alignment,
-    Assessment,
-    AutopilotError,
-    AxisNoise,
-    Contrast,
-    Drift,
-    DriftRow,
-    Expected,
-    Finding,
-    ImuNoise,
-    Incident,
-    Lanes,
-    Preflight,
-    inventory,
-    phases,
-)
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Recording, Source
-from companion.estimation import (
-    CONSTANTS,
-    AllanDeviation,
-    BestEstimate,
-    Explained,
-    Peak,
-    WhiteNoise,
-    folded_gain,
-    folded_onto,
-    hypothesis_of,
-    probabilities,
-)
-from companion.model import Array, BiasTrack, Flight, SensorInUse
+from companion.comparison import PARTS, Alignment, AxisNoise, Drift, DriftRow, Expected, ImuNoise, phases
+from companion.estimation import CONSTANTS, BestEstimate, Explained, hypothesis_of, probabilities
+from companion.hypotheses import Ageing, Assessment, AutopilotError, Contrast, Finding, Incident, Lanes, Preflight
+from companion.model import Array, BiasTrack, Flight, SensorInUse, inventory
+from companion.noise import AllanDeviation, Peak, WhiteNoise, folded_gain, folded_onto
 
 Document = dict[str, Any]
 """Keys as they are printed. Values are plain (numbers, text, lists, dictionaries, None)."""

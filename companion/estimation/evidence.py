@@ -22,9 +22,10 @@ import numpy.typing as npt
 
 from companion.constants import harm, num, priors
 from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, hypothesis_of
-from companion.estimation.model import Aliased, Rival
+from companion.estimation.model import Rival
 from companion.estimation.shapes import SLOPED
 from companion.model import Array
+from companion.noise import Aliased
 
 
 @dataclass(frozen=True, slots=True, eq=False)

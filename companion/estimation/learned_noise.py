@@ -20,12 +20,11 @@ import numpy as np
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import SENSORS, SLOW
 from companion.estimation.hypotheses import HYPOTHESES
-from companion.estimation.losses import BoolArray
 from companion.estimation.model import ATTITUDE, GYRO_BIAS, NOISES, POSITION, STATES, VELOCITY, ProcessNoise
 from companion.estimation.setup import Setup
-from companion.estimation.spectrum import neighbourhoods
-from companion.estimation.system import Index, Problem, measurement_residual, measurement_variance, motion_residual
-from companion.model import Array, percentile
+from companion.estimation.system import Problem, measurement_residual, measurement_variance, motion_residual
+from companion.model import Array, BoolArray, IntArray, percentile
+from companion.noise import neighbourhoods
 from companion.strapdown import MOVED, quaternion
 
 FIRST_NOISE = ProcessNoise(**num.FIRST_PROCESS_NOISE)
@@ -176,7 +175,7 @@ def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
     return FIRST_NOISE.gyro_walk, most * FIRST_NOISE.gyro_walk
 
 
-def _walk(linear: Problem, setup: Setup, noise: ProcessNoise, usual: Index) -> float:
+def _walk(linear: Problem, setup: Setup, noise: ProcessNoise, usual: IntArray) -> float:
     """By how much the logarithm of the density of the gyro bias's walk changes, with a log-normal prior.
 
     A walk goes on all through the flight, a fault begins and ends: a typical stretch tells of the one alone.
@@ -251,7 +250,7 @@ def _at_rest(linear: Problem) -> BoolArray:
     return still
 
 
-def _telling(still: BoolArray, good: BoolArray | None = None) -> Index:
+def _telling(still: BoolArray, good: BoolArray | None = None) -> IntArray:
     """Which of some intervals or readings tell of the noise in flight: where more than a third rest (N,), the others.
 
     Those at rest are quieter, and what is typical of them all would be the quiet of the ground.
@@ -262,7 +261,7 @@ def _telling(still: BoolArray, good: BoolArray | None = None) -> Index:
     return np.flatnonzero(good if few or still[good].mean() <= num.RESTING_SHARE else moving)
 
 
-def _stretches(count: int, parts: int) -> Index:
+def _stretches(count: int, parts: int) -> IntArray:
     """(parts,) where stretches of `count` values begin, which are of one length, the first ones longer by one."""
     each, more = divmod(count, parts)
     return np.arange(parts) * each + np.minimum(np.arange(parts), more)

@@ -27,8 +27,8 @@ from companion.estimation.model import (
 )
 from companion.estimation.readings import Kinematics, Readings, three_samples
 from companion.estimation.setup import Setup
-from companion.estimation.system import Index, Measurement, Motion, Prior, Problem
-from companion.model import Array
+from companion.estimation.system import Measurement, Motion, Prior, Problem
+from companion.model import Array, IntArray
 from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
 
 _NOTHING = np.zeros(0)
@@ -44,7 +44,7 @@ class PreintegratedImu:
 
     bias: tuple[Array, Array]  # rad/s, m/s²
     preintegration: Preintegration  # at the samples that are asked for
-    about: Index  # (K, 3) samples before, at and after each keyframe
+    about: IntArray  # (K, 3) samples before, at and after each keyframe
     transition: Array  # (K-1, 15, 15), in the frame in which the track begins
     sums: Mapping[str, Array]
     matrices: Array  # (K-1, 9, 18) of scale and misalignment of gyro and accelerometer

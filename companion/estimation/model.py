@@ -74,19 +74,6 @@ class ProcessNoise:
         return any(own > num.NOISE_BEYOND * shown for own, shown in both)
 
 
-@dataclass(frozen=True, slots=True)
-class Aliased:
-    """What motion that is faster than the sampling may read like, as an error of some kind, in its unit."""
-
-    beating: float  # 1σ, for seconds
-    lasting: float = 0.0  # 1σ, for as long as it moves so
-
-    def sigma(self, lasted: Array) -> Array:
-        """(T,) 1σ of its mean over times (T,), s."""
-        share = np.minimum(num.BEAT_S / np.maximum(lasted, 1e-3), 1.0)
-        return np.asarray(np.maximum(self.beating * share, self.lasting))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class States:
     """The estimate at K keyframes, and the constants of the flight."""

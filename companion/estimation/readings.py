@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import healthy, num
-from companion.estimation.system import Index
 from companion.model import (
     STANDARD_GRAVITY,
     Array,
     Flight,
     GpsTrack,
     ImuTrack,
+    IntArray,
     Origin,
     integrated,
     nearest,
@@ -38,10 +38,10 @@ class Readings:
 
     name: str
     t: Array  # (M,) s
-    keyframe: Index  # (M,)
+    keyframe: IntArray  # (M,)
     value: Array  # (M, d) in the unit of the sensor
     sigma: Array  # (M, d) nominal 1σ
-    sample: Index  # (M, 3) of the IMU, the last three by which the reading can be late; (M,) where none counts
+    sample: IntArray  # (M, 3) of the IMU, the last three by which the reading can be late; (M,) where none counts
     late: Array | float = 0.0  # (M,) s, by which they are known to be late beyond the constant latency
     latency_s: float = 0.0  # by which such readings usually are late
 
@@ -70,7 +70,7 @@ class Kinematics:
 
     states: States
     path: Preintegration  # of the IMU, at the samples that readings need
-    index: Index  # (K,) samples at which the keyframes stand
+    index: IntArray  # (K,) samples at which the keyframes stand
     t: Array  # (K,) s
     rate: Array  # (K, 3) FRD, rad/s
     when: Array  # (K, 3) s, of the samples, from the keyframe on
@@ -101,7 +101,7 @@ class Intake:
     notes: list[str]  # to which a sensor adds that it cannot be used
 
     @cached_property
-    def rest(self) -> tuple[Index, Array, Array]:
+    def rest(self) -> tuple[IntArray, Array, Array]:
         """Keyframes (M,) at rest, the gyro's mean about each (M, 3) and its 1σ (M, 1), rad/s."""
         means, own, still = at_rest(self.flight, self.imu, self.t)
         k = np.flatnonzero(still).astype(np.intp)
@@ -145,7 +145,7 @@ class AidingSensor:
         sigma = np.repeat(sigma[i, None], value.shape[1], axis=1)
         return Readings(self.name, when[i], k, value[i], sigma, unused, latency_s=self.latency_s)
 
-    def at(self, t: Array, keyframe: Index, value: Array, sigma: Array | None = None) -> Readings:
+    def at(self, t: Array, keyframe: IntArray, value: Array, sigma: Array | None = None) -> Readings:
         """Readings (M, d) that are made at keyframes (M,), at times t (M,) s."""
         sigma = np.full(value.shape, self.nominal) if sigma is None else sigma
         return Readings(self.name, t, keyframe, value, sigma, keyframe)
@@ -164,7 +164,7 @@ def through(when: Array, change: Array, late: Array) -> tuple[Array, Array]:
     return changed + goes_on * beyond, goes_on
 
 
-def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:
+def three_samples(track: ImuTrack, samples: IntArray, apart_s: float, *, before: int) -> IntArray:
     """(K, 3) samples so long apart, so many of them before each of (K,); at the ends as near to that as can be."""
     count = len(track)
     apart = min(max(1, round(apart_s * track.rate_hz)), (count - 1) // 2)

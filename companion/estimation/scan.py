@@ -24,8 +24,8 @@ from companion.estimation.block_tridiagonal import crossed, factorise, gram, roo
 from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Signature, hypothesis_of
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import SLOPED, activation
-from companion.estimation.system import Index, Problem, Solution, applied, measurement_residual, motion_residual
-from companion.model import Array
+from companion.estimation.system import Problem, Solution, applied, measurement_residual, motion_residual
+from companion.model import Array, IntArray
 
 
 def jumps(problem: Problem, hypothesis: Hypothesis) -> Array:
@@ -54,7 +54,7 @@ class Factors:
     """N factors that an explanation of m unknowns changes, and how, fully at work."""
 
     measured: str  # empty for the motion
-    keyframe: Index  # (N,) that each of them sees, of the motion the first of two
+    keyframe: IntArray  # (N,) that each of them sees, of the motion the first of two
     start: Array  # (N,) s
     stop: Array  # (N,) s, the same for a reading
     rows: Array  # (N, 15, m) what couples the unknowns to the states
@@ -68,7 +68,7 @@ def changed(problem: Problem, signature: Signature) -> Iterator[Factors]:
     """The factors that a signature changes."""
     motion, solution = problem.motion, problem.solution
 
-    def of(measured: str, keyframe: Index, times: tuple[Array, Array], jacobians: tuple[Array, Array], s: Array,
+    def of(measured: str, keyframe: IntArray, times: tuple[Array, Array], jacobians: tuple[Array, Array], s: Array,
            ws: Array, left: Array, next_rows: Array | None = None) -> Factors:  # fmt: skip
         rows, border = (one.swapaxes(-1, -2) @ ws for one in jacobians)
         return Factors(measured, keyframe, *times, rows, next_rows, border, applied(ws.swapaxes(-1, -2), left),
@@ -155,7 +155,7 @@ class Scan:
     cuts: Array  # (S,) s, where stretches begin
     columns: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
 
-    def score(self, kind: str, shape: str, onset: Index, end: Index | None = None) -> tuple[Array, Array] | None:
+    def score(self, kind: str, shape: str, onset: IntArray, end: IntArray | None = None) -> tuple[Array, Array] | None:
         """Gradient b (T, m) and information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
 
         Of D data sets b is (T, m, D). None where the flight has nothing that it would change.
@@ -171,7 +171,7 @@ class Scan:
         beside = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
         return np.tensordot(share, b.reshape(-1, *b.shape[2:]), axes=1), np.einsum("tmqn,tq->tmn", beside, share)
 
-    def _shares(self, shape: str, onset: Index, end: Index) -> Array:
+    def _shares(self, shape: str, onset: IntArray, end: IntArray) -> Array:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""
         stretch, cuts = np.arange(len(self.cuts)), self.cuts
         begun, ended = stretch >= onset[:, None], stretch >= end[:, None]

@@ -12,22 +12,33 @@ from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import FIXED, RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.differences import Differences, in_blocks, weighed
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.losses import BoolArray, broken_intervals, lost_by_clipping, lost_in_gaps, restored, undelayed
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, Aliased, States
-from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Intake, Readings
-from companion.estimation.system import Index
 from companion.model import (
     Array,
+    BoolArray,
     Flight,
     GpsTrack,
     ImuTrack,
+    IntArray,
     NoEstimateError,
     Origin,
     counted,
     interpolated,
     longest_step,
     nearest,
+)
+from companion.noise import (
+    Aliased,
+    aliasing,
+    broken_intervals,
+    lost_by_clipping,
+    lost_in_gaps,
+    relative_scatter,
+    restored,
+    scatter_between_samples,
+    spectral_noise,
+    undelayed,
 )
 from companion.strapdown import preintegrate, quaternion
 
@@ -39,7 +50,7 @@ class Setup:
     """The problem: everything but the states."""
 
     imu: ImuTrack  # at the times that it speaks of, as before its low-pass
-    index: Index  # (K,) samples at which keyframes stand
+    index: IntArray  # (K,) samples at which keyframes stand
     t: Array  # (K,) s
     broken: BoolArray  # (K-1,) whether the IMU has a gap between two keyframes
     switched: BoolArray  # (K-1,) whether the readings are those of another IMU from then on
@@ -121,7 +132,7 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
     return best if best is not None and fixes(best) >= num.MIN_FIXES else None
 
 
-def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
+def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> IntArray:
     """Samples at the times of GPS fixes, thinned to the spacing and filled where there are none for longer."""
     if epochs is None or not len(epochs):
         times = _between(track.t, track.t[0], track.t[-1], max(spacing, num.NO_GPS_SPACING_S))

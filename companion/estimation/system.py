@@ -14,17 +14,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.constants import num
 from companion.estimation.block_tridiagonal import Factor, crossed, factorise, gram, roots
-from companion.model import Array
+from companion.model import Array, IntArray
 
 if TYPE_CHECKING:
     from companion.estimation.differences import Differences
-    from companion.estimation.model import Aliased, ProcessNoise, States
-
-Index = npt.NDArray[np.intp]
+    from companion.estimation.model import ProcessNoise, States
+    from companion.noise import Aliased
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +41,7 @@ class Measurement:
 
     name: str
     t: Array  # (M,) s, of the readings
-    keyframe: Index  # (M,), each once
+    keyframe: IntArray  # (M,), each once
     residual: Array  # (M, d) measured less what the nominal states predict
     states: Array  # (M, d, n) H
     constants: Array  # (M, d, C) H_c

@@ -23,9 +23,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import Assessment, Replay
+from companion.comparison import Replay
 from companion.export.paths import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
+from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, Flight, words
 

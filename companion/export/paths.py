@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from companion.analysis import Replay
+from companion.comparison import Replay
 from companion.estimation import BestEstimate
 from companion.export.table import Format
 from companion.model import Array, DataError, Flight, Origin, geodetic_from_ned

@@ -17,7 +17,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import Assessment, Replay
+from companion.comparison import Replay
+from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, Flight
 from companion.strapdown import quaternion

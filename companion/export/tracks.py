@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
+from companion.comparison import NAMES, PARTS, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.paths import places
 from companion.export.table import (
@@ -23,6 +23,7 @@ from companion.export.table import (
     times,
     vectors,
 )
+from companion.hypotheses import Assessment
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series, TruthTrack, interpolated
 from companion.present import CALIBRATED, QUANTITIES, STATISTICS
 

@@ -18,8 +18,9 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from companion.analysis import Finding, ImuNoise, Verdict, by_severity, noise_model
+from companion.comparison import ImuNoise, noise_model
 from companion.export.table import Format
+from companion.hypotheses import Finding, Verdict, by_severity
 from companion.model import words
 
 _MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review

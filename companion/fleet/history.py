@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from companion.analysis import Check
 from companion.app.recording import Recording, read_recording
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.fleet.rows import Row, arrow_table
 from companion.fleet.search import digest_of, find_logs
+from companion.hypotheses import Check
 from companion.installation import missing
 from companion.model import CompanionError, DataError, Flight, InputError
 from companion.telemetry import id_parameters

@@ -17,12 +17,12 @@ from typing import Self
 
 import msgspec
 
-from companion.analysis import Check
 from companion.app.files import check, replacing
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
 from companion.fleet.search import FoundLog
+from companion.hypotheses import Check
 from companion.installation import data_folder
 from companion.model import InputError, Vehicle
 
@@ -73,8 +73,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 MAKING = {
     "model", "mavlink", "installation", "logs", "telemetry", "strapdown", "constants.healthy", "constants.harm",
-    "constants.priors", "constants.num", "constants.check", "estimation", "analysis", "app.files",
-    "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
+    "constants.priors", "constants.num", "constants.check", "noise", "estimation", "comparison", "hypotheses",
+    "app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination",
+    "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that determine the rows."""
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from MAVProxy.modules.lib import mp_module, mp_settings, mp_util, multiproc
 
-from companion.analysis import LiveVerdict
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
+from companion.hypotheses import LiveVerdict
 from companion.mavlink import Decoder, load_dialect
 from companion.model import IMU_MESSAGES, words
 

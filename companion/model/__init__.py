@@ -54,6 +54,7 @@ from companion.model.geodesy import (
     orientations,
     radii_of_curvature,
 )
+from companion.model.inventory import Item, inventory, used_aiding, used_imus
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,
@@ -61,7 +62,9 @@ from companion.model.tracks import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
+    BoolArray,
     ImuTrack,
+    IntArray,
     NavState,
     PositionTrack,
     SensorInUse,

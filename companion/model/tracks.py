@@ -49,6 +49,8 @@ def by_preference() -> list[str]:
 
 
 Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.intp]
 
 STANDARD_GRAVITY = 9.80665
 """m/s², the value behind MAVLink's mG and ArduPilot's and PX4's estimators."""

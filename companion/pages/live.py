@@ -7,11 +7,11 @@ from collections import deque
 
 import msgspec
 
-from companion.analysis import Preflight
 from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
+from companion.hypotheses import Preflight
 from companion.links import Clock, RequestState
 from companion.model import DataError, Flight
 from companion.view import LONGEST_REANCHOR_S, LinkState, LiveStatus, ReplayChoice, Seen, StreamState

@@ -11,25 +11,24 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from companion.analysis import (
-    NO_CORRECTION,
-    Assessment,
-    Correction,
-    Expected,
-    ImuNoise,
-    Integration,
-    Replay,
-    Verdict,
-    expected_over,
-    imu_noise,
-    replay,
-    replay_from_rest,
-)
 from companion.app.correction import load_correction
 from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of, redundant_lanes
 from companion.app.recording import Source
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
+from companion.comparison import (
+    NO_CORRECTION,
+    Correction,
+    Expected,
+    ImuNoise,
+    Integration,
+    Replay,
+    expected_over,
+    imu_noise,
+    replay,
+    replay_from_rest,
+)
+from companion.hypotheses import Assessment, Verdict
 from companion.model import DataError, Flight
 from companion.view import (
     AnalysisResult,

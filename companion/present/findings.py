@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from companion.analysis import Cause, Finding, Incident, Output, ProbableCause, Verdict, by_severity
-from companion.analysis import percent as probability
+from companion.hypotheses import Cause, Finding, Incident, Output, ProbableCause, Verdict, by_severity
+from companion.hypotheses import percent as probability
 from companion.model import Flight, words
 from companion.present.formats import capitalised, clause, fixed, shown_unit, significant, vehicle_words, with_unit
 

@@ -6,8 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from companion.estimation import Coefficient, WhiteNoise
 from companion.model import STANDARD_GRAVITY, Vehicle, words
+from companion.noise import Coefficient, WhiteNoise
 from companion.strapdown import METHODS
 
 _SHOWN_UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": ("mrad/s", 1e3), "": ("%", 100.0)}

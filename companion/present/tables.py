@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import groupby
 
-from companion.analysis import PARTS, Assessment, Calibration, Drift, Expected, RedundantImu, Statistic, left_out
+from companion.comparison import PARTS, Calibration, Drift, Expected, RedundantImu, Statistic, left_out
+from companion.hypotheses import Assessment
 from companion.model import words
 from companion.present.formats import percent, short, with_unit
 
@@ -158,7 +159,7 @@ _DEGREES = math.degrees(1.0)
 
 @dataclass(frozen=True, slots=True)
 class CalibratedPart:
-    """One part of a calibration (`analysis.PARTS`)."""
+    """One part of a calibration (`comparison.PARTS`)."""
 
     title: str
     unit: str  # as people read it

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from companion.analysis import Assessment, Drift, Expectation, Expected, Replay, expected_since_anchor
+from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
+from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, DataError, Flight, InputError
 from companion.present import (

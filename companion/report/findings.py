@@ -6,9 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from companion.analysis import Finding, Lanes, Replay, Verdict, by_severity, errors, phases, replay, windows
 from companion.app.examination import redundant_lanes
 from companion.app.sensors import preflight_of
+from companion.comparison import Replay, errors, phases, replay, windows
+from companion.hypotheses import Finding, Lanes, Verdict, by_severity
 from companion.model import Array, CompanionError, DataError
 from companion.present import (
     FindingGroup,

@@ -8,8 +8,9 @@ from itertools import cycle
 
 import numpy as np
 
-from companion.analysis import Incident, imus_within, window
+from companion.comparison import window
 from companion.estimation import BestEstimate
+from companion.hypotheses import Incident, imus_within
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight
 from companion.present import cause_lines, facts, heading, palette, paragraph, table, text, timeline, vehicle_words
 from companion.report import traces

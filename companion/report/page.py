@@ -13,11 +13,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from companion.analysis import Assessment, Verdict, rate_warning
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
+from companion.hypotheses import Assessment, Verdict, rate_warning
 from companion.model import Flight, counted
 from companion.present import (
     QUANTITIES,

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion import present
-from companion.analysis import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise, clip_counts
-from companion.estimation import AllanDeviation, Spectrum, imu_spectrum, vibration
+from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise
+from companion.hypotheses import clip_counts
 from companion.model import Array, counted
+from companion.noise import AllanDeviation, Spectrum, imu_spectrum, vibration
 from companion.present import (
     CALIBRATED,
     QUANTITIES,

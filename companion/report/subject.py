@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion import present
-from companion.analysis import Assessment, Comparison, Expectation, Finding, ImuNoise, Replay, imu_noise, replay
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
+from companion.comparison import Comparison, Expectation, ImuNoise, Replay, imu_noise, replay
+from companion.hypotheses import Assessment, Finding
 from companion.model import CompanionError, DataError, Flight
 from companion.present import palette
 from companion.report.html_page import Charts

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import Replay
+from companion.comparison import Replay
 from companion.estimation import BestEstimate
 from companion.model import Array, Flight, longest_step
 from companion.present import palette, paragraph, short, text

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, IntArray
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown.dead_reckon import Preintegration
@@ -110,8 +110,6 @@ def of_turns(moved: Array, weight: Array, own: Array) -> Array:
     return out
 
 
-Index = npt.NDArray[np.intp]
-
 BATCH = 1 << 12
 """Samples of windows handled at a time, so that the working arrays stay in the cache."""
 
@@ -190,12 +188,12 @@ class Sums:
     gyro_matrix: Array
     accel_matrix: Array
 
-    def __getitem__(self, rows: Index) -> Sums:
+    def __getitem__(self, rows: IntArray) -> Sums:
         """Those of some windows, copied."""
         noise = {cause: covariance[rows] for cause, covariance in self.noise.items()}
         return Sums(self.transition[rows], noise, self.gyro_matrix[rows], self.accel_matrix[rows])
 
-    def __setitem__(self, rows: Index, new: Sums) -> None:
+    def __setitem__(self, rows: IntArray, new: Sums) -> None:
         self.transition[rows], self.gyro_matrix[rows] = new.transition, new.gyro_matrix
         self.accel_matrix[rows] = new.accel_matrix
         for cause, covariance in self.noise.items():
@@ -222,7 +220,7 @@ def _carried(matrix: Array, covariance: Array, own: slice) -> Array:
     return np.asarray(part @ covariance @ part.swapaxes(-1, -2))
 
 
-def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index, *, step_s: float = 0.0) -> Sums:
+def error_sums(imu: ImuTrack, path: Preintegration, start: IntArray, end: IntArray, *, step_s: float = 0.0) -> Sums:
     """What of the error growth over windows between samples start (W,) and end (W,) needs no state at the start.
 
     Of windows that begin at the same sample each goes on from where the one before it ends: no sample is read twice.
@@ -261,8 +259,8 @@ def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index, *,
 
 
 def _thinned(
-    imu: ImuTrack, path: Preintegration, start: Index, end: Index, every: int
-) -> tuple[ImuTrack, Preintegration, Index, Index]:
+    imu: ImuTrack, path: Preintegration, start: IntArray, end: IntArray, every: int
+) -> tuple[ImuTrack, Preintegration, IntArray, IntArray]:
     """The windows over every so many samples and all at which one begins or ends, with means of the readings."""
     kept = np.unique(np.concatenate((np.arange(0, len(imu), every), start, end)))
     about = np.maximum(kept - every // 2, 0)
@@ -272,7 +270,7 @@ def _thinned(
     return ImuTrack(imu.t[kept], gyro, accel), path.at(kept), first, last
 
 
-def joined(pieces: Sums, first: Index, last: Index) -> Sums:
+def joined(pieces: Sums, first: IntArray, last: IntArray) -> Sums:
     """The sums over windows (W,) of adjacent pieces: each from piece `first` up to `last`, which is not in it.
 
     Any window has one piece at least.
@@ -284,7 +282,7 @@ def joined(pieces: Sums, first: Index, last: Index) -> Sums:
     return whole
 
 
-def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:
+def _integrate(out: Sums, batch: IntArray, imu: ImuTrack, path: Preintegration, start: IntArray, end: IntArray) -> None:
     """Fills rows `batch`. Shorter windows are padded with their last sample: intervals of length zero."""
     index = np.minimum(start[:, None] + np.arange((end - start).max() + 1), end[:, None])
     t = path.t.take(index)
@@ -331,7 +329,14 @@ _OF_ACCEL, _OF_GYRO = np.arange(6), np.append(np.arange(3), np.arange(6, 12))
 
 
 def _in_ned(
-    raw: Sums, imu: ImuTrack, path: Preintegration, start: Index, end: Index, q: Array, velocity: Array, gravity: float
+    raw: Sums,
+    imu: ImuTrack,
+    path: Preintegration,
+    start: IntArray,
+    end: IntArray,
+    q: Array,
+    velocity: Array,
+    gravity: float,
 ) -> Propagation:
     """The sums turned into NED, and the responses that need the state at the start."""
     c = quaternion.multiply(q, quaternion.conjugate(path.q[start]))
@@ -348,7 +353,7 @@ def _in_ned(
     down = np.array([0.0, 0.0, 1.0])
     _, v_end, _ = path.carry(start, end, q, velocity, np.zeros_like(velocity), gravity=gravity)
 
-    def rates(i: Index, attitude: Array, speed: Array) -> Array:
+    def rates(i: IntArray, attitude: Array, speed: Array) -> Array:
         force = quaternion.rotate(attitude, imu.accel[i]) + gravity * down
         return np.concatenate((quaternion.rotate(attitude, imu.gyro[i]), force, speed), axis=1)
 

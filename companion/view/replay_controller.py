@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import viser
 
-from companion.analysis import Finding, Verdict
+from companion.hypotheses import Finding, Verdict
 from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export

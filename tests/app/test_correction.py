@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, PARTS, ReferenceSpec, calibrate, compare
 from companion.app.correction import correction_text, load_correction
+from companion.comparison import GENERIC, PARTS, ReferenceSpec, calibrate, compare
 from tests.recordings import BUNDLED
 
 OLD = "gyro_bias = [0.01, 0, 0]\naccel_bias = [0, 0.1, 0]\nmounting = [0.01, -0.02, 0.03]\ntime_offset = 0.012\n"

@@ -21,7 +21,6 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import companion as c
-from companion.analysis import inventory
 from companion.app.examination import unexaminable
 from companion.app.recording import Recording, Source, read_recording
 from companion.cli.analyze import first_screen
@@ -39,6 +38,7 @@ from companion.model import (
     RangeTrack,
     Series,
     TruthTrack,
+    inventory,
     rows,
 )
 from companion.strapdown import motions

@@ -9,10 +9,10 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from companion.analysis import HORIZONS_S, Integration, replay
 from companion.app.examination import integration_of
 from companion.app.recording import open_log
 from companion.app.settings import Settings, load_settings
+from companion.comparison import HORIZONS_S, Integration, replay
 from companion.installation import data_folder
 
 DEFAULT = data_folder("config") / "default.toml"

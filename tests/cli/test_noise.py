@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
-from companion.analysis import GENERIC
 from companion.app.sensors import load_imu_spec
 from companion.cli import main
+from companion.comparison import GENERIC
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.strapdown import ImuModel, Sensor
 from tests.recordings import BUNDLED, recording

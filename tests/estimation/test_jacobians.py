@@ -13,13 +13,7 @@ from companion.estimation.candidate import Candidate
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import FIRST_NOISE
-from companion.estimation.linearisation import (
-    PreintegratedImu,
-    _kinematics,
-    linearise,
-    measure,
-    preintegrate_imu,
-)
+from companion.estimation.linearisation import PreintegratedImu, _kinematics, linearise, measure, preintegrate_imu
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up

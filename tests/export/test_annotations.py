@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
-from companion.analysis import Finding, Verdict
 from companion.cli import main
 from companion.export import write_annotations
+from companion.hypotheses import Finding, Verdict
 from tests.recordings import BUNDLED
 
 _TIME = re.compile(r"^(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)$")

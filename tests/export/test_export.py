@@ -20,9 +20,9 @@ import pytest
 from mcap.reader import make_reader
 
 import companion as c
-from companion.analysis import PoseError, ape, rpe
-from companion.analysis.pose_error import Spread
 from companion.cli import main
+from companion.comparison import PoseError, ape, rpe
+from companion.comparison.pose_error import Spread
 from companion.export import FORMATS
 from companion.export.mcap import layout
 from companion.strapdown import quaternion

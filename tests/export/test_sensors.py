@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import inventory
 from companion.export import tables
 from companion.export.table import table_name
+from companion.model import inventory
 from tests.recordings import BUNDLED
 from tests.ulogs import ulog
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from companion.analysis import Drift, DriftRow, Expected, Statistic
+from companion.comparison import Drift, DriftRow, Expected, Statistic
 from companion.present import QUANTITIES, STATISTICS
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.analysis import Cause, Finding, FlightVerdict, Verdict
+from companion.hypotheses import Cause, Finding, FlightVerdict, Verdict
 from companion.present import MOST_LINES, flight_lines, grouped, ranked
 
 

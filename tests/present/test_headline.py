@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.analysis import Cause, Finding, Verdict
+from companion.hypotheses import Cause, Finding, Verdict
 from companion.present import headline
 
 

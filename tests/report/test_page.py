@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from companion.analysis import Finding
 from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.app.settings import Settings, load_settings
 from companion.cli import main
+from companion.hypotheses import Finding
 from companion.present import STATISTICS, palette
 from companion.report import html_page, report_html
 from tests.recordings import BUNDLED, recording

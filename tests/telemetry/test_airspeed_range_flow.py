@@ -11,8 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import companion as c
-from companion.analysis import inventory
-from companion.model import Flight
+from companion.model import Flight, inventory
 from tests.dataflash_writer import write_dataflash
 from tests.tlogs import Writer
 from tests.ulogs import ulog

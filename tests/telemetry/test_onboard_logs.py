@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis.reference import attitude_error, length
+from companion.comparison.reference import attitude_error, length
 from companion.logs import read_dataflash
 from companion.model import Array, AttitudeTrack, DataError, InputError, PositionTrack, SettingsError
 from companion.strapdown import quaternion

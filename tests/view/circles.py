@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import Replay
 from companion.app.examination import assess_imu
 from companion.app.settings import Settings
+from companion.comparison import Replay
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
 from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, analysed, chosen_track, display_trajectory
 

@@ -16,7 +16,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
-from companion.analysis import Cause, Finding, Replay, Verdict
+from companion.comparison import Replay
+from companion.hypotheses import Cause, Finding, Verdict
 from companion.model import Flight, StatusText, Vehicle
 from companion.view import (
     AnalysisResult,

@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, imu_noise
-from companion.estimation import imu_spectrum
+from companion.comparison import GENERIC, FlightNoise, Limits, imu_noise
+from companion.hypotheses import Finding, Verdict
 from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
+from companion.noise import imu_spectrum
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import AnalysisResult, ReplayChoice

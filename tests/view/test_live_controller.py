@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import viser
 
-from companion.analysis import LiveVerdict
-from companion.analysis.replay import FreeState
+from companion.comparison.replay import FreeState
+from companion.hypotheses import LiveVerdict
 from companion.model import Flight
 from companion.model.tracks import NavState
 from companion.view import LinkState, LiveStatus, LiveViewer, ReplayChoice, Seen, live_controller

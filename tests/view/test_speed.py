@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from companion.analysis import replay
+from companion.comparison import replay
 from companion.model import DataError, Flight
 from companion.view import AnalysisResult, DisplayTrajectory, ReplayChoice, Viewer, chosen_track, display_trajectory
 from tests.view.circles import RATE, make_flight

@@ -15,18 +15,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import sqrt
 
-from companion.analysis import (
-    AIRBORNE_REPORTS,
-    Alarm,
-    Band,
-    LiveVerdict,
-    State,
-    Verdict,
-    compare,
-    newest_stands_out,
-    phases,
-)
+from companion.comparison import AIRBORNE_REPORTS, compare, newest_stands_out, phases
 from companion.constants import check
+from companion.hypotheses import Alarm, Band, LiveVerdict, State, Verdict
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from companion.analysis import (
+from companion.comparison import (
     HORIZONS_S,
     Continued,
     DriftRow,

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import viser
 
-from companion.analysis import Integration
+from companion.comparison import Integration
 from companion.model import Flight
 from companion.present import AXES, palette
 from companion.strapdown import METHODS

@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from companion.analysis import Verdict
+from companion.hypotheses import Verdict
 from companion.model import Flight, of_kind
 from companion.present import QUANTITIES, Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion

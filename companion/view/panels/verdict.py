@@ -8,7 +8,8 @@ from html import escape
 import numpy as np
 import viser
 
-from companion.analysis import Assessment, Drift, Finding, Lanes, Preflight, RedundantImu, Statistic, left_out
+from companion.comparison import Drift, RedundantImu, Statistic, left_out
+from companion.hypotheses import Assessment, Finding, Lanes, Preflight
 from companion.model import counted, words
 from companion.present import (
     AXES,

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.analysis import FreeState
+from companion.comparison import FreeState
 from companion.model import Array, interpolated
 from companion.present import Rgb, length, palette
 from companion.strapdown import SAME_TIME

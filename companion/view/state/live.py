@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import DriftRow, FreeState, LiveVerdict, Preflight, Replay
+from companion.comparison import DriftRow, FreeState, Replay
+from companion.hypotheses import LiveVerdict, Preflight
 from companion.model import Array, Flight
 from companion.strapdown import SAME_TIME
 from companion.view.state.trajectory import (

@@ -12,22 +12,19 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis import (
+from companion.comparison import (
     HORIZONS_S,
     NO_CORRECTION,
-    Assessment,
     Correction,
     Expectation,
     Expected,
     ImuNoise,
     Integration,
-    Lanes,
-    Preflight,
     RedundantImu,
     Replay,
-    Verdict,
     gravity_for,
 )
+from companion.hypotheses import Assessment, Lanes, Preflight, Verdict
 from companion.model import Array, DataError, Flight, ImuTrack
 from companion.strapdown import SAME_TIME, ImuModel, Sensor, correct, quaternion
 from companion.view.state.sending import Indices

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from companion.analysis import Integration
 from companion.app.live import Attachment, Watch
+from companion.comparison import Integration
 from companion.links import Link, Session
 from companion.mavlink import Packer
 from companion.simulate import SimulatedVehicle

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import Band, Comparison, LiveVerdict, Verdict
 from companion.app.live import HORIZON_S, Judge, Judges, new_stream
+from companion.comparison import Comparison
+from companion.hypotheses import Band, LiveVerdict, Verdict
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly

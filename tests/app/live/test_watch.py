@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import Integration
 from companion.app.live import Attachment, Watch
 from companion.app.live.watch import LiveState
+from companion.comparison import Integration
 from companion.links import Link, Recorder, Session
 from companion.mavlink import Decoder, load_dialect
 from companion.model import InputError

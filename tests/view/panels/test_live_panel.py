@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
-from companion.analysis import Cause, LiveVerdict, State
+from companion.hypotheses import Cause, LiveVerdict, State
 from companion.present import palette
 from companion.view import LinkState, ReplayChoice, StreamState
 from companion.view.panels import live_panel, markup

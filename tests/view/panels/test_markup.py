@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from companion.analysis.verdict import Status
+from companion.hypotheses.verdict import Status
 from companion.present import palette
 from companion.view.panels.markup import COLOURS, banner, swatch
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import FreeState, Replay
+from companion.comparison import FreeState, Replay
 from companion.model import NavState
 from companion.view import ReplayChoice
 from companion.view.state.live import History, free_run, present

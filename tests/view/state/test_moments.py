@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import Cause, Finding, Integration, Verdict, replay
-from companion.analysis.finding import KINDS
+from companion.comparison import Integration, replay
+from companion.hypotheses import Cause, Finding, Verdict
+from companion.hypotheses.finding import KINDS
 from companion.view import ReplayChoice, display_trajectory, with_result
 from companion.view.state.moments import (
     BEFORE_S,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.analysis import Replay
+from companion.comparison import Replay
 from companion.model import DataError, Flight
 from companion.view import DisplayTrajectory, ReplayChoice
 from companion.view import display_trajectory as display_of
