@@ -7,6 +7,7 @@ import re
 import pytest
 
 import companion
+from companion import analysis, comparison
 from companion.model import words
 from tests.recordings import ROOT
 
@@ -50,3 +51,7 @@ def test_words_that_the_field_does_not_use_stay_away() -> None:
 def test_an_old_name_warns_and_works() -> None:
     with pytest.warns(DeprecationWarning, match="dead_reckon"):
         assert companion.reckon is companion.dead_reckon
+    with pytest.warns(DeprecationWarning, match=r"companion\.comparison\.ape now"):
+        assert analysis.ape is comparison.ape
+    with pytest.raises(AttributeError):
+        _ = analysis.no_such_name

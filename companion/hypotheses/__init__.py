@@ -1,4 +1,4 @@
-"""Which of IMU and autopilot is wrong: findings, faults, verdicts. Pure: imports tracks, estimation and drift."""
+"""Which of IMU and autopilot is wrong: findings, faults, verdicts. Pure."""
 
 from companion.hypotheses.assessment import Assessment, assess
 from companion.hypotheses.deviations import AutopilotBias, AutopilotError, Sensitivity, autopilot_bias, autopilot_error
