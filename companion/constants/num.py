@@ -73,6 +73,7 @@ ONSET_SIGMAS = 2.0  # σ of an onset by which something began in flight: before,
 DOUBTED_ONCE = 0.5  # at least, of a live fault that one verdict alone does not find again: they share most data
 AXIS_SPAN_S = 100.0  # of which the worst stretch counts: a wrong axis is wrong all the time
 AXIS_TRIAL_PASSES = 6  # that tell the ways apart: a contradiction is far from convergence then
+AXIS_KEYFRAMES = 120  # in which a contradiction that lasts all the time shows as well as in more
 ORIENTATION_HALF_RAD = pi / 8.0  # half of the least angle between two of the autopilots' orientations, 45°
 AXIS_CLEARLY_BETTER = 2.0  # times less noise, in every interval and on every axis: not by chance
 

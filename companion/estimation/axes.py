@@ -122,7 +122,7 @@ def other_reading(
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
         other = replace(flight, imus={**flight.imus, track.source: turned})
         with boundary(track.source):
-            setup = set_up(other, track.source, gravity, part, untrusted)
+            setup = set_up(other, track.source, gravity, part, untrusted, num.AXIS_KEYFRAMES)
             *_, unaided = guesses(setup, flight)
             return setup, start_of(setup, unaided)
 

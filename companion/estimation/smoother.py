@@ -164,7 +164,7 @@ def next_adaptation(
     for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
         _, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
         candidates |= _candidates(trials(believed))
-    tried, weighed = _tried(setup, begin, accepted, candidates.values())
+    tried, weighed, failed = _tried(setup, begin, accepted, candidates.values())
     weighed = weighed or [Candidate.of_trial(one) for one in usual]
     rivals = tuple(one.rival for one in weighed)
     impossible = set[str]()
@@ -173,8 +173,10 @@ def next_adaptation(
             break
         if best.imu is not None:  # nothing of the estimate changes
             return Adaptation(best, setup, settled, beside(linear, best), rivals)
-        same = [one for one in tried if one.candidate.name == best.name]
-        if (own := same[0] if same else estimate_with(setup, begin, accepted, best)) is not None:
+        own = next((one for one in tried if one.candidate.name == best.name), None)
+        if own is None and _when(best) not in failed:
+            own = estimate_with(setup, begin, accepted, best)
+        if own is not None:
             candidate = replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
             return replace(own, rivals=rivals, candidate=candidate)
         impossible.add(best.hypothesis.name)
@@ -183,15 +185,19 @@ def next_adaptation(
 
 def _tried(
     setup: Setup, begin: Start, accepted: Sequence[Candidate], candidates: Iterable[Candidate]
-) -> tuple[list[Adaptation], list[Candidate]]:
+) -> tuple[list[Adaptation], list[Candidate], set[tuple[str, str, int | None, float, float]]]:
     """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
+
+    And which could not be.
 
     The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
     """
-    tried, weighed = list[Adaptation](), list[Candidate]()
+    tried, weighed, failed = list[Adaptation](), list[Candidate](), set[tuple[str, str, int | None, float, float]]()
     left = sorted(candidates, key=lambda one: one.log_odds)
     while left:
-        if (one := estimate_with(setup, begin, accepted, left.pop())) is None:
+        candidate = left.pop()
+        if (one := estimate_with(setup, begin, accepted, candidate)) is None:
+            failed.add(_when(candidate))
             continue
         if tried and likelihood(one.settled, one.linear) <= likelihood(tried[0].settled, tried[0].linear):
             tried.append(one)
@@ -202,7 +208,12 @@ def _tried(
         own = odds.get(one.candidate.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
         if all(own > odds.get(other.name, num.LOG_ZERO) for other in left):
             break
-    return tried, weighed
+    return tried, weighed, failed
+
+
+def _when(one: Candidate) -> tuple[str, str, int | None, float, float]:
+    """What a candidate is, and when."""
+    return (*one.name, one.onset, one.end)
 
 
 def _weighed(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> list[Candidate]:
