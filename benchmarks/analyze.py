@@ -39,8 +39,8 @@ STAGES: dict[str, tuple[str, ...]] = {
         "estimation/differences.py",
     ),
     "smooth": ("estimation", "noise"),
-    "masks": ("hypotheses/findings", "comparison/phases.py"),
-    "drift": ("comparison", "hypotheses", "strapdown"),
+    "masks": ("verdict/findings", "comparison/phases.py"),
+    "drift": ("comparison", "verdict", "strapdown"),
     "present": ("present", "cli", "documents"),
 }  # fmt: skip
 """Stage → the files of companion/ that it is; a stack with functions of several is of the first of them. Readers are

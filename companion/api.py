@@ -22,7 +22,6 @@ from companion.comparison import (
 )
 from companion.estimation import BestEstimate
 from companion.estimation import smooth as _smooth
-from companion.hypotheses import Assessment, Contrast, Finding, Verdict, contrast
 from companion.model import (
     AttitudeTrack,
     CompanionError,
@@ -45,6 +44,7 @@ from companion.model import (
 )
 from companion.pages.notebook import OpenReplay, show
 from companion.strapdown import dead_reckon, quaternion
+from companion.verdict import Assessment, Contrast, Finding, Verdict, contrast
 
 if TYPE_CHECKING:
     from companion.report import plot_drift, plot_errors, plot_path

@@ -27,8 +27,8 @@ _REMEMBERED = (
     ("companion.app.examination", "assess"),
     ("companion.api", "smooth"),
     ("companion.cli.smooth", "smooth"),
-    ("companion.hypotheses.assessment", "calibrate"),
-    ("companion.hypotheses.assessment", "expected_over"),
+    ("companion.verdict.assessment", "calibrate"),
+    ("companion.verdict.assessment", "expected_over"),
     ("companion.view.export", "replay_page"),
 )
 """Pure functions that take longer than to pickle their result, in the modules that call them."""

@@ -1,6 +1,6 @@
 """The house, whose arrows never turn back.
 
-mavlink → logs → telemetry → model ← strapdown, noise ← estimation ← comparison ← hypotheses ← app ← pages ← cli
+mavlink → logs → telemetry → model ← strapdown, noise ← estimation ← comparison ← verdict ← app ← pages ← cli
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PACKAGE = Path(companion.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to(PACKAGE).parts)
 
 GROUND = {"model"}
-CORE = ("strapdown", "noise", "estimation", "comparison", "hypotheses")
+CORE = ("strapdown", "noise", "estimation", "comparison", "verdict")
 CONSTANTS = {f"constants.{table}" for table in ("healthy", "harm", "priors", "num", "check")}
 MAY_IMPORT = {
     "model": set[str](),
@@ -34,25 +34,25 @@ MAY_IMPORT = {
     "noise": GROUND | CONSTANTS,
     "estimation": GROUND | CONSTANTS | {"strapdown", "noise"},
     "comparison": GROUND | CONSTANTS | {"strapdown", "noise", "estimation"},
-    "hypotheses": GROUND | CONSTANTS | {"strapdown", "noise", "estimation", "comparison"},
-    "analysis": {"model", "estimation", "comparison", "hypotheses"},
+    "verdict": GROUND | CONSTANTS | {"strapdown", "noise", "estimation", "comparison"},
+    "analysis": {"model", "estimation", "comparison", "verdict"},
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.files": GROUND,
-    "app.settings": GROUND | {"strapdown", "comparison", "hypotheses", "app.files"},
-    "app.correction": GROUND | {"app.files", "comparison", "hypotheses"},
-    "app.sensors": GROUND | {"installation", "telemetry", "app.files", "comparison", "hypotheses"},
+    "app.settings": GROUND | {"strapdown", "comparison", "verdict", "app.files"},
+    "app.correction": GROUND | {"app.files", "comparison", "verdict"},
+    "app.sensors": GROUND | {"installation", "telemetry", "app.files", "comparison", "verdict"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
-    | {"constants.num", "app.settings", "app.sensors", "app.correction", "estimation", "comparison", "hypotheses"},
-    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "comparison", "hypotheses"},
+    | {"constants.num", "app.settings", "app.sensors", "app.correction", "estimation", "comparison", "verdict"},
+    "app.live": GROUND | {"constants.check", "mavlink", "links", "telemetry", "comparison", "verdict"},
     "app.running_verdict": GROUND
-    | {"constants.num", "mavlink", "estimation", "comparison", "hypotheses"}
+    | {"constants.num", "mavlink", "estimation", "comparison", "verdict"}
     | {"app.settings", "app.examination", "app.live"},
-    "present": GROUND | {"strapdown", "noise", "estimation", "comparison", "hypotheses"},
-    "documents": GROUND | {"noise", "estimation", "comparison", "hypotheses", "app.recording", "app.examination"},
-    "export": GROUND | {"installation", "strapdown", "estimation", "comparison", "hypotheses", "present"},
-    "view": GROUND | {"strapdown", "noise", "estimation", "comparison", "hypotheses", "present"},
+    "present": GROUND | {"strapdown", "noise", "estimation", "comparison", "verdict"},
+    "documents": GROUND | {"noise", "estimation", "comparison", "verdict", "app.recording", "app.examination"},
+    "export": GROUND | {"installation", "strapdown", "estimation", "comparison", "verdict", "present"},
+    "view": GROUND | {"strapdown", "noise", "estimation", "comparison", "verdict", "present"},
     "report": GROUND
     | {
         "installation",
@@ -60,7 +60,7 @@ MAY_IMPORT = {
         "noise",
         "estimation",
         "comparison",
-        "hypotheses",
+        "verdict",
         "app.settings",
         "app.recording",
         "app.examination",
@@ -71,7 +71,7 @@ MAY_IMPORT = {
     "pages.replay": GROUND
     | {
         "comparison",
-        "hypotheses",
+        "verdict",
         "app.settings",
         "app.correction",
         "app.recording",
@@ -81,10 +81,10 @@ MAY_IMPORT = {
     }
     | {"app.sensors"},
     "pages.live": GROUND
-    | {"links", "comparison", "hypotheses", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
+    | {"links", "comparison", "verdict", "app.settings", "app.sensors", "app.live", "app.running_verdict", "view"},
     "pages.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
-    "mavproxy": GROUND | {"mavlink", "comparison", "hypotheses", "app.settings", "app.running_verdict"},
+    "mavproxy": GROUND | {"mavlink", "comparison", "verdict", "app.settings", "app.running_verdict"},
     "fleet": GROUND
     | {
         "installation",
@@ -92,7 +92,7 @@ MAY_IMPORT = {
         "logs",
         "telemetry",
         "comparison",
-        "hypotheses",
+        "verdict",
         "app.files",
         "app.settings",
         "app.sensors",
@@ -109,7 +109,7 @@ MAY_IMPORT = {
         "noise",
         "estimation",
         "comparison",
-        "hypotheses",
+        "verdict",
         "simulate",
     }
     | {"app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
@@ -118,7 +118,7 @@ MAY_IMPORT = {
     "__main__": {"cli"},
     "__init__": {"api", "mavproxy"},
     "api": GROUND
-    | {"strapdown", "estimation", "comparison", "hypotheses", "app.settings"}
+    | {"strapdown", "estimation", "comparison", "verdict", "app.settings"}
     | {"app.recording", "app.examination", "pages.notebook"}
     | {"export", "report"},
 }
@@ -150,7 +150,7 @@ LIBRARIES = {
     "estimation": {"numpy", "pygeomag"},
     "noise": {"numpy"},
     "comparison": {"numpy"},
-    "hypotheses": {"numpy"},
+    "verdict": {"numpy"},
     "mavlink": {"numpy", "pymavlink"},
     "logs": {"numpy"},
     "links": {"numpy", "serial"},

@@ -1,4 +1,4 @@
-"""Hand-set numbers of `estimation` and `analysis` stand in the tables of `companion/constants`, and nowhere else."""
+"""Hand-set numbers of the estimate and the verdict stand in the tables of `companion/constants`, and nowhere else."""
 
 from __future__ import annotations
 
@@ -13,18 +13,16 @@ import companion
 
 PACKAGE = Path(companion.__file__).parent
 TABLES = sorted(p for p in (PACKAGE / "constants").glob("*.py") if p.stem != "__init__")
-USERS = sorted(
-    p for part in ("noise", "estimation", "comparison", "hypotheses") for p in (PACKAGE / part).rglob("*.py")
-)
+USERS = sorted(p for part in ("noise", "estimation", "comparison", "verdict") for p in (PACKAGE / part).rglob("*.py"))
 
 OWN_TABLES = {
     "estimation/hypotheses.py: HYPOTHESES",  # what may be wrong: priors of size and rate, harmful sizes, words
     "estimation/aiding_sensors.py: _ROWS",  # all that is known of each aiding sensor
     "estimation/model.py: _PRIORS",  # constants of a flight, their components and priors
     "comparison/imu_spec.py: GENERIC",  # an IMU part, as the files of config/imu
-    "hypotheses/fault_interval.py: BIAS_UNITS",  # how a bias is printed
-    "hypotheses/findings/axes.py: _THOUSAND",  # factors between units, and their words
-    "hypotheses/findings/detect.py: _MOTORS",  # numbers of SERVOn_FUNCTION
+    "verdict/fault_interval.py: BIAS_UNITS",  # how a bias is printed
+    "verdict/findings/axes.py: _THOUSAND",  # factors between units, and their words
+    "verdict/findings/detect.py: _MOTORS",  # numbers of SERVOn_FUNCTION
 }
 """Tables of rows that have more than a number, where their reader looks for them."""
 

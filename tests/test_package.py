@@ -183,7 +183,7 @@ def test_a_library_that_is_gone_is_a_sentence() -> None:
     assert "Traceback" not in run.stderr
 
 
-@pytest.mark.parametrize("part", ["strapdown", "hypotheses", "report"])
+@pytest.mark.parametrize("part", ["strapdown", "verdict", "report"])
 def test_a_part_can_be_imported_by_itself(part: str) -> None:
     """`companion` loads its API by need, which must not happen half-way through a part that the API needs."""
     run = subprocess.run(

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from companion.app.examination import examine, unexaminable
-from companion.hypotheses import Verdict
 from companion.model import Flight
+from companion.verdict import Verdict
 
 Side = Literal["none", "imu", "autopilot", "cannot_tell"]
 

@@ -22,9 +22,9 @@ from companion.app.running_verdict import Assignment, judges_of
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.cli.senders import model_of
-from companion.hypotheses import Alarm
 from companion.mavlink import Decoder, load_dialect
 from companion.simulate import SimulatedVehicle, fly
+from companion.verdict import Alarm
 
 EPOCH = 1_700_000_000.0  # s UNIX, when a simulated flight begins
 PIECE_S = 0.1

@@ -19,9 +19,9 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.comparison.reference import attitude_error
 from companion.constants import healthy
-from companion.hypotheses import LaneSpan
-from companion.hypotheses.lanes import healthy_bound
 from companion.model import Array, CompanionError, EstimatorLane, TruthTrack, nearest
+from companion.verdict import LaneSpan
+from companion.verdict.lanes import healthy_bound
 
 
 @dataclass(frozen=True, slots=True)

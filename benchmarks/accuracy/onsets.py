@@ -22,7 +22,6 @@ from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.verdicts import SECONDS, Fault, flight, none
 from companion.app.live import HORIZON_S, PAUSE_S
 from companion.comparison import ImuSpec
-from companion.hypotheses import assess
 from companion.model import (
     Array,
     AttitudeTrack,
@@ -34,6 +33,7 @@ from companion.model import (
     PositionTrack,
 )
 from companion.strapdown import quaternion
+from companion.verdict import assess
 
 AFTER_S = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0)
 _EARTH_M = 6_378_137.0

@@ -19,8 +19,8 @@ import numpy as np
 from companion.app.recording import read_recording
 from companion.app.sensors import imu_spec_of
 from companion.constants import harm, healthy
-from companion.hypotheses import Preflight, preflight
 from companion.model import STANDARD_GRAVITY, CompanionError, Flight, GpsTrack, ImuTrack
+from companion.verdict import Preflight, preflight
 
 _GYRO = healthy.USUAL_BIAS["gyro"]
 _ACCEL = float(np.hypot(healthy.USUAL_BIAS["accel"], healthy.USUAL_SCALE * STANDARD_GRAVITY))

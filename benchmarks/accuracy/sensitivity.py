@@ -32,9 +32,9 @@ from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, Hypothesis, search, setup, smooth, smoother
 from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import Trial, trial
-from companion.hypotheses import assessment, attribution, constant_faults, deviations
-from companion.hypotheses.fault_interval import EstimatorDeviation, FaultInterval
 from companion.model import Array, CompanionError, Flight
+from companion.verdict import assessment, attribution, constant_faults, deviations
+from companion.verdict.fault_interval import EstimatorDeviation, FaultInterval
 
 QUICK = (
     "sitl/copter-demo-100hz.tlog",

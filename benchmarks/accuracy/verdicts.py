@@ -17,7 +17,6 @@ import numpy.typing as npt
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.sensors import imu_parts, load_imu_spec
 from companion.comparison import ImuSpec
-from companion.hypotheses import assess
 from companion.model import (
     STANDARD_GRAVITY,
     Array,
@@ -29,6 +28,7 @@ from companion.model import (
     Vehicle,
 )
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
+from companion.verdict import assess
 from tests.estimation.sensed import EPOCH, PLACE, barometer_of, compass_of, gps_of
 
 RATE_HZ, SECONDS = 100.0, 80.0

@@ -26,9 +26,9 @@ from benchmarks.accuracy.labels import PACKED, SHARED
 from companion.app.live import Judge, Pace, new_stream
 from companion.app.running_verdict import Assignment, verdict_on
 from companion.app.settings import Settings
-from companion.hypotheses import Band, Cause, LiveVerdict, Verdict
 from companion.mavlink import Decoder, load_dialect, log_time
 from companion.model import Flight
+from companion.verdict import Band, Cause, LiveVerdict, Verdict
 
 FAULTS = Path(__file__).with_name("faults.toml")
 _PIECE_S = 0.25

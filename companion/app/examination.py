@@ -41,8 +41,8 @@ from companion.comparison import (
     reported_by,
 )
 from companion.estimation import BestEstimate, Effort
-from companion.hypotheses import Assessment, Lanes, Verdict, assess, judge_lanes, known_share, verdict_without_imu
 from companion.model import DataError, Flight, NoEstimateError, SettingsError, brief
+from companion.verdict import Assessment, Lanes, Verdict, assess, judge_lanes, known_share, verdict_without_imu
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -32,7 +32,9 @@ from companion.app.settings import Settings
 from companion.comparison import expected_by_age, phases
 from companion.constants import num
 from companion.estimation import BestEstimate, Effort
-from companion.hypotheses import (
+from companion.mavlink import Frames
+from companion.model import DataError, Flight, counted
+from companion.verdict import (
     Assessment,
     Band,
     LiveVerdict,
@@ -42,8 +44,6 @@ from companion.hypotheses import (
     carried_on,
     standing_verdict,
 )
-from companion.mavlink import Frames
-from companion.model import DataError, Flight, counted
 
 _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: as often as the newest is looked at
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time

@@ -12,10 +12,10 @@ import msgspec
 
 from companion.app.files import read_toml
 from companion.comparison import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise_model
-from companion.hypotheses import Preflight, preflight
 from companion.installation import data_folder
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
 from companion.telemetry import id_parameters
+from companion.verdict import Preflight, preflight
 
 _DEGREE = math.radians(1.0)
 _SI: Mapping[str, float] = {

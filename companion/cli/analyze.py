@@ -19,8 +19,8 @@ from companion.cli import many_logs, options, tables
 from companion.cli.info import reference_line
 from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
-from companion.hypotheses import Assessment, Finding, rate_warning
 from companion.model import DataError, Flight, counted, words
+from companion.verdict import Assessment, Finding, rate_warning
 
 
 def analyze_options(parser: options.Parser) -> None:

@@ -24,9 +24,9 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.documents import SCHEMA
-from companion.hypotheses import Verdict
 from companion.model import CompanionError, DataError, InputError, counted
 from companion.present import QUANTITIES, span
+from companion.verdict import Verdict
 
 Measures = Mapping[str, float]
 """What a flight is compared by, the smaller the better: "detectable gyro_bias", "drift 10 s position_m". SI, °."""

@@ -14,9 +14,9 @@ from companion.app.recording import Recording
 from companion.cli import options, tables
 from companion.comparison import DriftRow, Expected
 from companion.documents import contrast_document, encode
-from companion.hypotheses import Change, Contrast, contrast
 from companion.model import DataError, SettingsError, words
 from companion.present import CALIBRATED, QUANTITIES, clause, dominant, fixed, method_words
+from companion.verdict import Change, Contrast, contrast
 
 _OF_B = {
     "config": ("FILE", "settings file"),

@@ -19,9 +19,9 @@ from companion.comparison import Replay, ape
 from companion.documents import analysis_document, encode, incident_document, series_document
 from companion.export import FORMATS, Contents, assessed_replay, harmless, listed, thinned
 from companion.export import tables as tables_of
-from companion.hypotheses import incident
 from companion.model import DataError, SettingsError, counted, nearest_word
 from companion.present import incident_markdown
+from companion.verdict import incident
 
 
 def export_options(parser: options.Parser) -> None:

@@ -18,10 +18,10 @@ from companion.app.settings import Settings
 from companion.cli import live, options, tables
 from companion.documents import preflight_document
 from companion.fleet import earlier_checks
-from companion.hypotheses import Ageing, Preflight, ageing
 from companion.links import is_link
 from companion.model import DataError, Flight, counted
 from companion.present import preflight_headline, preflight_table
+from companion.verdict import Ageing, Preflight, ageing
 
 _LINK_S = 30.0
 _COLOURS = {"go": "green", "no_go": "red", "unknown": "yellow"}

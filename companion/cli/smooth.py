@@ -29,9 +29,9 @@ from companion.estimation import (
     smooth,
 )
 from companion.export import write_estimate_tum
-from companion.hypotheses import AutopilotError, Lanes, autopilot_error, percent
 from companion.model import BiasTrack, Flight
 from companion.present import SENSORS, capitalised, fixed, lane_lines, lane_table, shown_unit, words
+from companion.verdict import AutopilotError, Lanes, autopilot_error, percent
 
 _CONSTANTS: Mapping[str, tuple[str, str, float]] = {
     "earth_field": ("compass", "µT, NED", 1.0), "hard_iron": ("compass", "µT, FRD", 1.0),

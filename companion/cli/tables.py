@@ -16,8 +16,8 @@ from rich.table import Table
 from companion import present
 from companion.comparison import PARTS, Alignment, Calibration
 from companion.documents import Document, encode
-from companion.hypotheses import Assessment, Verdict
 from companion.model import Array, counted
+from companion.verdict import Assessment, Verdict
 
 _STATUS = {"consistent": "green", "imu_suspect": "red", "autopilot_suspect": "red", "insufficient_data": "yellow"}
 _NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -24,12 +24,12 @@ from companion.app.recording import read_recording
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.cli import live, options, tables
-from companion.hypotheses import LiveVerdict
 from companion.installation import missing
 from companion.links import Session, announce
 from companion.logs import looks_like_a_log
 from companion.model import CompanionError, DataError, Flight, InputError, SettingsError
 from companion.present import clause
+from companion.verdict import LiveVerdict
 
 _LINE_S = 1.0  # between two lines where nothing changes
 _QUIET_S = 10.0  # between two announcements, at least

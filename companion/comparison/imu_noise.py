@@ -1,4 +1,4 @@
-"""How noisy an IMU is: Allan deviation at rest, spectra in flight, and which of those figures to believe."""
+"""The noise of an IMU beside its data sheet: at rest, in flight, and which of its figures to believe."""
 
 from __future__ import annotations
 

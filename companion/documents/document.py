@@ -15,9 +15,9 @@ from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Recording, Source
 from companion.comparison import PARTS, Alignment, AxisNoise, Drift, DriftRow, Expected, ImuNoise, phases
 from companion.estimation import CONSTANTS, BestEstimate, Explained, hypothesis_of, probabilities
-from companion.hypotheses import Ageing, Assessment, AutopilotError, Contrast, Finding, Incident, Lanes, Preflight
 from companion.model import Array, BiasTrack, Flight, SensorInUse, inventory
 from companion.noise import AllanDeviation, Peak, WhiteNoise, folded_gain, folded_onto
+from companion.verdict import Ageing, Assessment, AutopilotError, Contrast, Finding, Incident, Lanes, Preflight
 
 Document = dict[str, Any]
 """Keys as they are printed. Values are plain (numbers, text, lists, dictionaries, None)."""

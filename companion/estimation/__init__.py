@@ -1,4 +1,4 @@
-"""The best estimate of a flight's trajectory from its sensors alone. Pure: imports model, strapdown and noise."""
+"""The best estimate of a flight's trajectory from its sensors alone. Pure."""
 
 from companion.estimation.aiding_sensors import HEIGHTS
 from companion.estimation.aiding_sensors import SENSORS as AIDING_SENSORS

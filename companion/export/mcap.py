@@ -26,9 +26,9 @@ import numpy.typing as npt
 from companion.comparison import Replay
 from companion.export.paths import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
-from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, Flight, words
+from companion.verdict import Assessment
 
 Stamps = npt.NDArray[np.int64]
 """(N,) ns."""

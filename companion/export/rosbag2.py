@@ -23,9 +23,9 @@ from companion.comparison import Replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.mcap import FLU_IN_FRD, NED_IN_ENU, Channel, Schema, Stamps, clock_of, stamps_of, write_channels
 from companion.export.table import Contents, Format, table_name
-from companion.hypotheses import Assessment
 from companion.model import Array, Flight, GpsTrack, interpolated
 from companion.strapdown import quaternion
+from companion.verdict import Assessment
 
 _TIME = "int32 sec\nuint32 nanosec"
 _HEADER = "builtin_interfaces/Time stamp\nstring frame_id"

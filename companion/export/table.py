@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.comparison import Replay
-from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, Flight
 from companion.strapdown import quaternion
+from companion.verdict import Assessment
 
 if TYPE_CHECKING:
     import pyarrow as pa

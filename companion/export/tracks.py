@@ -23,9 +23,9 @@ from companion.export.table import (
     times,
     vectors,
 )
-from companion.hypotheses import Assessment
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series, TruthTrack, interpolated
 from companion.present import CALIBRATED, QUANTITIES, STATISTICS
+from companion.verdict import Assessment
 
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
 _CALIBRATED_UNITS = [CALIBRATED[part].si for part, place in PARTS.items() for _ in NAMES[place]]

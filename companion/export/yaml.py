@@ -20,8 +20,8 @@ from pathlib import Path
 
 from companion.comparison import ImuNoise, noise_model
 from companion.export.table import Format
-from companion.hypotheses import Finding, Verdict, by_severity
 from companion.model import words
+from companion.verdict import Finding, Verdict, by_severity
 
 _MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review
 _SEVERITY_COLOURS = {"error": "#d55e00", "warning": "#e69f00", "info": "#0072b2"}

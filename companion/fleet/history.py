@@ -11,10 +11,10 @@ from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
 from companion.fleet.rows import Row, arrow_table
 from companion.fleet.search import digest_of, find_logs
-from companion.hypotheses import Check
 from companion.installation import missing
 from companion.model import CompanionError, DataError, Flight, InputError
 from companion.telemetry import id_parameters
+from companion.verdict import Check
 
 TABLE = "preflight.parquet"
 """Of a fleet's results: a row for each check of each flight."""

@@ -22,9 +22,9 @@ from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
 from companion.fleet.search import FoundLog
-from companion.hypotheses import Check
 from companion.installation import data_folder
 from companion.model import InputError, Vehicle
+from companion.verdict import Check
 
 MEMORY_GB = 4.0  # for one log
 TIMEOUT_S = 600.0
@@ -73,7 +73,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 MAKING = {
     "model", "mavlink", "installation", "logs", "telemetry", "strapdown", "constants.healthy", "constants.harm",
-    "constants.priors", "constants.num", "constants.check", "noise", "estimation", "comparison", "hypotheses",
+    "constants.priors", "constants.num", "constants.check", "noise", "estimation", "comparison", "verdict",
     "app.files", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination",
     "documents", "fleet",
 }  # fmt: skip

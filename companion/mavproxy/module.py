@@ -12,9 +12,9 @@ from MAVProxy.modules.lib import mp_module, mp_settings, mp_util, multiproc
 
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
-from companion.hypotheses import LiveVerdict
 from companion.mavlink import Decoder, load_dialect
 from companion.model import IMU_MESSAGES, words
+from companion.verdict import LiveVerdict
 
 _HAND_OVER_S = 0.25
 _RATE_S = 5.0  # over which the rate of the IMU is counted

@@ -1,4 +1,4 @@
-"""How noisy an IMU is: Allan deviation, spectra, white noise, low-passes, gaps. Pure: imports model and strapdown."""
+"""How noisy an IMU is: Allan deviation, spectra, white noise, low-passes, gaps. Pure."""
 
 from companion.model import BoolArray
 from companion.noise.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures

@@ -11,9 +11,9 @@ from companion.app.live import Attachment, Watch
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.sensors import preflight_of
 from companion.app.settings import Settings
-from companion.hypotheses import Preflight
 from companion.links import Clock, RequestState
 from companion.model import DataError, Flight
+from companion.verdict import Preflight
 from companion.view import LONGEST_REANCHOR_S, LinkState, LiveStatus, ReplayChoice, Seen, StreamState
 
 _MOST_MESSAGES = 100  # that the page keeps

@@ -28,8 +28,8 @@ from companion.comparison import (
     replay,
     replay_from_rest,
 )
-from companion.hypotheses import Assessment, Verdict
 from companion.model import DataError, Flight
+from companion.verdict import Assessment, Verdict
 from companion.view import (
     AnalysisResult,
     DisplayTrajectory,

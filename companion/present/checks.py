@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from companion.hypotheses import FLOWN, Ageing, Check, LaneInSpan, Lanes, LaneSpan, LaneSwitch, Preflight
-from companion.hypotheses import percent as probability
 from companion.model import words
 from companion.present.formats import capitalised, fixed, shown_unit, with_unit
 from companion.present.tables import Table, text_table
+from companion.verdict import FLOWN, Ageing, Check, LaneInSpan, Lanes, LaneSpan, LaneSwitch, Preflight
+from companion.verdict import percent as probability
 
 _SWITCHED = {
     "right": "right",

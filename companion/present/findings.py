@@ -12,10 +12,10 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from companion.hypotheses import Cause, Finding, Incident, Output, ProbableCause, Verdict, by_severity
-from companion.hypotheses import percent as probability
 from companion.model import Flight, words
 from companion.present.formats import capitalised, clause, fixed, shown_unit, significant, vehicle_words, with_unit
+from companion.verdict import Cause, Finding, Incident, Output, ProbableCause, Verdict, by_severity
+from companion.verdict import percent as probability
 
 MOST_LINES = 7
 """Groups of findings on a screen."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 from itertools import groupby
 
 from companion.comparison import PARTS, Calibration, Drift, Expected, RedundantImu, Statistic, left_out
-from companion.hypotheses import Assessment
 from companion.model import words
 from companion.present.formats import percent, short, with_unit
+from companion.verdict import Assessment
 
 AXES = ("forward", "right", "down")
 """Of the body (FRD), as people read them."""

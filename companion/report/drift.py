@@ -9,7 +9,6 @@ import numpy as np
 
 from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
-from companion.hypotheses import Assessment
 from companion.installation import missing
 from companion.model import Array, DataError, Flight, InputError
 from companion.present import (
@@ -29,6 +28,7 @@ from companion.report import traces
 from companion.report.html_page import laid_out
 from companion.report.subject import Subject
 from companion.report.traces import ground_track, paths_of, regained
+from companion.verdict import Assessment
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {

@@ -9,7 +9,6 @@ import numpy as np
 from companion.app.examination import redundant_lanes
 from companion.app.sensors import preflight_of
 from companion.comparison import Replay, errors, phases, replay, windows
-from companion.hypotheses import Finding, Lanes, Verdict, by_severity
 from companion.model import Array, CompanionError, DataError
 from companion.present import (
     FindingGroup,
@@ -32,6 +31,7 @@ from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
+from companion.verdict import Finding, Lanes, Verdict, by_severity
 
 _RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
 _OF_IMU = ("gyro", "accel", "imu_lag")  # in a kind: what shows in what the IMU read, not in when

@@ -10,12 +10,12 @@ import numpy as np
 
 from companion.comparison import window
 from companion.estimation import BestEstimate
-from companion.hypotheses import Incident, imus_within
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight
 from companion.present import cause_lines, facts, heading, palette, paragraph, table, text, timeline, vehicle_words
 from companion.report import traces
 from companion.report.html_page import Charts, Section, sheet
 from companion.strapdown import quaternion
+from companion.verdict import Incident, imus_within
 
 _AXIS = "seconds from the moment"
 

@@ -17,7 +17,6 @@ from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import analysis_document, encode
-from companion.hypotheses import Assessment, Verdict, rate_warning
 from companion.model import Flight, counted
 from companion.present import (
     QUANTITIES,
@@ -38,6 +37,7 @@ from companion.report.findings import bare_findings, findings, lanes_section, pr
 from companion.report.html_page import Charts, Section, sheet
 from companion.report.subject import Subject, subject_of
 from companion.report.traces import ground, paths_of, track
+from companion.verdict import Assessment, Verdict, rate_warning
 from companion.view import worst_stretch
 
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "viser")

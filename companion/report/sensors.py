@@ -8,7 +8,6 @@ import numpy as np
 
 from companion import present
 from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise
-from companion.hypotheses import clip_counts
 from companion.model import Array, counted
 from companion.noise import AllanDeviation, Spectrum, imu_spectrum, vibration
 from companion.present import (
@@ -33,6 +32,7 @@ from companion.present import (
 )
 from companion.report import traces
 from companion.report.subject import AXES, Subject
+from companion.verdict import clip_counts
 
 
 def calibration(subject: Subject) -> str:

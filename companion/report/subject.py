@@ -9,10 +9,10 @@ from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.comparison import Comparison, Expectation, ImuNoise, Replay, imu_noise, replay
-from companion.hypotheses import Assessment, Finding
 from companion.model import CompanionError, DataError, Flight
 from companion.present import palette
 from companion.report.html_page import Charts
+from companion.verdict import Assessment, Finding
 from companion.view import analysed, display_trajectory, first_horizon
 
 

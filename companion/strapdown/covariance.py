@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, IntArray
-from companion.strapdown import _components as rows
+from companion.strapdown import _components as components
 from companion.strapdown import quaternion
 from companion.strapdown.dead_reckon import Preintegration
 
@@ -80,7 +80,7 @@ def responses(q: Array, moved: Array, left: Array) -> Array:
     windows, _, n = moved.shape
     out = np.empty((windows, 12, 3, n))
     minus = out[:, :3]
-    np.negative(rows.matrix(np.moveaxis(q, -1, 0)).transpose(2, 0, 1, 3), out=minus)
+    np.negative(components.matrix(np.moveaxis(q, -1, 0)).transpose(2, 0, 1, 3), out=minus)
     np.multiply(minus, left[:, None, None], out=out[:, 3:6])
     for first, along in ((6, moved[:, :3]), (9, moved[:, 3:])):
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

@@ -30,7 +30,7 @@ from companion.model import (
     floats,
     is_number,
 )
-from companion.strapdown import _components as rows
+from companion.strapdown import _components as components
 from companion.strapdown import quaternion
 from companion.strapdown._components import running_product
 from companion.strapdown.increments import Scheme, chunks, require_samples, scheme_for
@@ -195,11 +195,11 @@ def run(
     for interval, h, (dq, moves) in chunks(imu, first, last, scheme):
         i, m = interval - first, len(h)
         part = slice(i + 1, i + 1 + m)
-        attitude, velocity = rows.empty(4, m + 1), rows.empty(3, m + 1)
+        attitude, velocity = components.empty(4, m + 1), components.empty(3, m + 1)
         attitude[:, 0], velocity[:, 0] = q[i], v[i]
         attitude[:, 1:] = running_product(q[i], dq)
         q[part] = attitude[:, 1:].T
-        moved = rows.rotate(attitude[0, :-1], attitude[1:, None, :-1], moves)
+        moved = components.rotate(attitude[0, :-1], attitude[1:, None, :-1], moves)
         down = gravity * h
         moved[2, 0] += down
         down *= 0.5 * h
@@ -207,7 +207,7 @@ def run(
         np.cumsum(moved[:, 0], axis=1, out=velocity[:, 1:])
         velocity[:, 1:] += v[i][:, None]
         v[part] = velocity[:, 1:].T
-        moved[:, 1] += rows.times(h, velocity[:, :-1])
+        moved[:, 1] += components.times(h, velocity[:, :-1])
         moved[:, 1].cumsum(axis=1, out=moved[:, 1])
         moved[:, 1] += p[i][:, None]
         p[part] = moved[:, 1].T
@@ -254,7 +254,7 @@ class DeadReckoner:
         return max(len(self._held) - 1 - self._at, 0)
 
     def push(self, chunk: ImuTrack) -> Trajectory:
-        """The states that the chunk makes known, none twice; the very first row is the start. May have no rows.
+        """The states that the chunk makes known, none twice; the very first row is the start. May have no components.
 
         Raises ValueError for samples not after those already pushed, and if the first push holds none at start.t.
         """

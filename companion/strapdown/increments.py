@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, DataError, ImuTrack, SettingsError
-from companion.strapdown import _components as rows
+from companion.strapdown import _components as components
 from companion.strapdown import quaternion
 
 MIDDLES: Final = ("linear", "cubic")
@@ -57,7 +57,7 @@ class _Signal:
         """The signal (6, n) at a fraction 0..1 of each interval; a number or one per interval."""
         if isinstance(fraction, float) and fraction in (0.0, 1.0):
             return self.end if fraction else self.start
-        line = np.subtract(self.end, self.start, out=rows.empty(*self.start.shape))
+        line = np.subtract(self.end, self.start, out=components.empty(*self.start.shape))
         line *= fraction
         line += self.start
         if self.before is None or self.after is None or self.bend0 is None or self.bend1 is None:
@@ -65,8 +65,8 @@ class _Signal:
         h = self.dt
         scale = fraction * (1.0 - fraction) * h * h / (self.before + h + self.after)
         weight0, weight1 = scale * ((1.0 - fraction) * h + self.after), scale * (fraction * h + self.before)
-        line -= rows.times(weight0, self.bend0)
-        line -= rows.times(weight1, self.bend1)
+        line -= components.times(weight0, self.bend0)
+        line -= components.times(weight1, self.bend1)
         return line
 
 
@@ -84,9 +84,9 @@ def _signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> _Signal:
     if last == len(imu) - 1:
         t, x = _continued(imu, t, x, slice(-4, None), at_start=False)
     h = t[1:] - t[:-1]
-    slope = np.subtract(x[:, 1:], x[:, :-1], out=rows.empty(6, len(h)))
+    slope = np.subtract(x[:, 1:], x[:, :-1], out=components.empty(6, len(h)))
     slope /= h
-    bend = np.subtract(slope[:, 1:], slope[:, :-1], out=rows.empty(6, len(h) - 1))
+    bend = np.subtract(slope[:, 1:], slope[:, :-1], out=components.empty(6, len(h) - 1))
     bend /= h[:-1] + h[1:]
     bend0, bend1 = bend[:, :-1], bend[:, 1:]
     if h.max() > _UNEVEN * h.min():
@@ -105,7 +105,7 @@ def _uneven(dt: Array) -> npt.NDArray[np.bool_]:
 
 def _rows(imu: ImuTrack, part: slice) -> Array:
     """The samples of a part of the track, component-first (6, n) and contiguous: views would be strided."""
-    x = rows.empty(6, len(imu.t[part]))
+    x = components.empty(6, len(imu.t[part]))
     x[:3], x[3:] = imu.gyro[part].T, imu.accel[part].T
     return x
 
@@ -166,7 +166,7 @@ def _pieces(imu: ImuTrack, first: int, last: int) -> _Pieces:
     t, own, x, slope = t[here], own[here], x[:, here], slope[:, here]
     turn = x[:3, :-1] * own[:-1]
     # A rotation vector has its coning in it, and a line of this mean would add that of its own: take it off.
-    x[:3] -= rows.cross(x[:3], slope[:3]) * own * own / 12.0
+    x[:3] -= components.cross(x[:3], slope[:3]) * own * own / 12.0
     reach = slope * own / 2.0
     before, after = x - reach, x + reach
     apart = t[1:] - t[:-1] - 0.5 * (own[:-1] + own[1:])
@@ -238,7 +238,7 @@ def _midpoint(signal: _Signal, begin: float, end: float) -> Moved:
     h = (end - begin) * signal.dt
     x0, x1 = signal.at(begin), signal.at(end)
     dq = _one_and(0.25 * h * (x0[:3] + x1[:3]))
-    return dq, _uniform(h, 0.5 * h * (x0[3:] + rows.rotate(dq[0], dq[1:], x1[3:])))
+    return dq, _uniform(h, 0.5 * h * (x0[3:] + components.rotate(dq[0], dq[1:], x1[3:])))
 
 
 def _rk4(signal: _Signal, begin: float, end: float) -> Moved:
@@ -251,13 +251,13 @@ def _rk4(signal: _Signal, begin: float, end: float) -> Moved:
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
     dq, (q1, q2, q3) = rk4_attitude(h, x0[:3], xm[:3], x1[:3])
-    moves, sixth = rows.empty(3, 2, len(h)), rows.times(1.0 / 6.0, h)
+    moves, sixth = components.empty(3, 2, len(h)), components.times(1.0 / 6.0, h)
     dv, dp = moves[:, 0], moves[:, 1]
     np.add(xm[3:], xm[3:], out=dp)
-    dp += rows.change(*q1, xm[3:])
-    dp += rows.change(*q2, xm[3:])
+    dp += components.change(*q1, xm[3:])
+    dp += components.change(*q2, xm[3:])
     np.add(x1[3:], dp, out=dv)
-    dv += rows.change(*q3, x1[3:])
+    dv += components.change(*q3, x1[3:])
     dp += x0[3:]
     dv += dp
     dv *= sixth
@@ -277,26 +277,26 @@ def rk4_attitude(
     q3 = [1 - μ, e], hk4 = [-e·b, (1 - μ) b + e x b].
     Written in place: a new array a term would take as long as its numbers.
     """
-    half = rows.times(0.5, h)
-    m, b = rows.times(half, wm), rows.times(half, w1)
-    a = rows.times(np.multiply(0.5, half, out=half), w0)
-    s, mu = rows.dot(a, m), rows.dot(m, m)
+    half = components.times(0.5, h)
+    m, b = components.times(half, wm), components.times(half, w1)
+    a = components.times(np.multiply(0.5, half, out=half), w0)
+    s, mu = components.dot(a, m), components.dot(m, m)
     mu *= 0.5
-    k2, e = rows.cross(a, m), rows.times(mu, a)
+    k2, e = components.cross(a, m), components.times(mu, a)
     k2 += m
     np.subtract(m, e, out=e)
-    w2, w3, dq = rows.empty(len(h)), rows.empty(len(h)), rows.empty(4, len(h))
+    w2, w3, dq = components.empty(len(h)), components.empty(len(h)), components.empty(4, len(h))
     np.subtract(2.0, s, out=w2)
     np.subtract(1.0, mu, out=w3)
     s += mu
     s *= 2.0
-    s += rows.dot(e, b)
+    s += components.dot(e, b)
     s *= -1.0 / 6.0
     np.add(1.0, s, out=dq[0])
     turn = np.add(a, k2, out=dq[1:])
     turn += e
     turn *= 2.0
-    turn += rows.cross(e, b)
+    turn += components.cross(e, b)
     b *= w3
     turn += b
     turn *= 1.0 / 6.0
@@ -435,7 +435,7 @@ def dense_attitude(
     if len(imu) == 1:
         return np.empty((0, len(fractions), 4))
     signal = _signal_of(imu, 0, len(imu) - 1, middle)
-    turned = [rows.unit(_attitude(signal, np.full(len(imu) - 1, u), segments)).T for u in fractions]
+    turned = [components.unit(_attitude(signal, np.full(len(imu) - 1, u), segments)).T for u in fractions]
     return quaternion.multiply(q_ned_frd[:-1, None], np.stack(turned, axis=1))
 
 
@@ -465,20 +465,20 @@ def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> Moved:
     before, before_moves = _increments(way.beginning, scheme.method, scheme.segments)
     _, moves = _increments(way.rest, scheme.method, scheme.segments)
     back = before[:, :-1] * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
-    own = rows.product(back, quaternion.exp(way.turn.T).T), moves
+    own = components.product(back, quaternion.exp(way.turn.T).T), moves
     if way.gap is not None:
         own = _then(own, way.gap.dt, _increments(way.gap, scheme.method, scheme.segments))
     q, moves = _then(own, way.beginning.dt[1:], (before[:, 1:], before_moves[..., 1:]))
-    return rows.unit(q), moves
+    return components.unit(q), moves
 
 
 def _then(one: Moved, dt: Array, other: Moved) -> Moved:
     """Increments followed by others that take dt (n,) s."""
     (q, moves), (dq, further) = one, other
-    further = rows.rotate(q[0], q[1:, None], further)
+    further = components.rotate(q[0], q[1:, None], further)
     further += moves
     further[:, 1] += dt * moves[:, 0]
-    return rows.product(q, dq), further
+    return components.product(q, dq), further
 
 
 def _increments(signal: _Signal, method: str, segments: int) -> Moved:
@@ -487,7 +487,7 @@ def _increments(signal: _Signal, method: str, segments: int) -> Moved:
     q, moves = step(signal, 0.0, 1.0 / segments)
     for i in range(1, segments):
         q, moves = _then((q, moves), signal.dt / segments, step(signal, i / segments, (i + 1) / segments))
-    return rows.unit(q), moves
+    return components.unit(q), moves
 
 
 def _attitude(signal: _Signal, fraction: Array, segments: int) -> Array:
@@ -497,5 +497,5 @@ def _attitude(signal: _Signal, fraction: Array, segments: int) -> Array:
         begin, end = np.minimum(i / segments, fraction), np.minimum((i + 1) / segments, fraction)
         w0, wm, w1 = (signal.at(at)[:3] for at in (begin, 0.5 * (begin + end), end))
         dq, _ = rk4_attitude((end - begin) * signal.dt, w0, wm, w1)
-        q = rows.product(q, dq)
+        q = components.product(q, dq)
     return q

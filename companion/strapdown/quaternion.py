@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from companion.model import Array, DataError, floats
 from companion.model import from_euler as _from_euler
-from companion.strapdown import _components as rows
+from companion.strapdown import _components as components
 
 from_euler = _from_euler
 IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
@@ -73,7 +73,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def to_matrix(q: Array) -> Array:
     """Rotation matrix C(q), (..., 3, 3), of unit quaternions (..., 4): `C(q) v == rotate(q, v)`."""
-    return np.ascontiguousarray(np.moveaxis(rows.matrix(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1)))
+    return np.ascontiguousarray(np.moveaxis(components.matrix(np.moveaxis(q, -1, 0)), (0, 1), (-2, -1)))
 
 
 def from_matrix(matrix: Array) -> Array:

@@ -1,4 +1,4 @@
-"""MAVLink messages → tracks: SI units, FRD and NED, one clock per flight. Knows no physics."""
+"""MAVLink messages, DataFlash records and ULog topics → tracks: SI units, FRD and NED, one clock per flight."""
 
 from companion.telemetry.dataflash import RECORDS, dataflash_flight, why_no_flight
 from companion.telemetry.flights import NEEDED, flights

@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 import numpy as np
 import viser
 
-from companion.hypotheses import Finding, Verdict
 from companion.model import CompanionError, Flight
 from companion.present import palette
+from companion.verdict import Finding, Verdict
 from companion.view import export
 from companion.view.controller import Controller
 from companion.view.export import PAGE, PICTURE, REPORT, Saver

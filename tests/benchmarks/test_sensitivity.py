@@ -11,7 +11,7 @@ from benchmarks.accuracy.answer import Answer, Side
 from benchmarks.accuracy.sensitivity import AS_IT_IS, VARIANTS, Row, changes, fault_rates, log_evidence, table
 from companion.estimation import hypothesis_of, search
 from companion.estimation.evidence import Trial
-from companion.hypotheses import constant_faults
+from companion.verdict import constant_faults
 
 TENTH, TENFOLD, HALF = (name for name in VARIANTS if name != AS_IT_IS)
 

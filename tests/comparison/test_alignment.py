@@ -18,9 +18,9 @@ from companion.comparison import (
     compare,
     replay_from_rest,
 )
-from companion.hypotheses import autopilot_bias
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, DataError, Flight, Series
 from companion.strapdown import ImuModel, Sensor, motions, quaternion
+from companion.verdict import autopilot_bias
 from tests.comparison.test_rest import BIAS, noisy, rest_then_motion
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED, recording

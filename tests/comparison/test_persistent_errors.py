@@ -11,8 +11,8 @@ from companion.comparison import GENERIC, NAMES, PARTS, Correction, compare, kno
 from companion.comparison.calibrate import _to_figures
 from companion.comparison.drift import drift_of
 from companion.estimation import smooth
-from companion.hypotheses.constant_faults import beside_best
 from companion.model import ImuTrack
+from companion.verdict.constant_faults import beside_best
 from tests.estimation.sensed import BIASES, sensed, with_imu
 
 

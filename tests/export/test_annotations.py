@@ -11,7 +11,7 @@ import yaml
 
 from companion.cli import main
 from companion.export import write_annotations
-from companion.hypotheses import Finding, Verdict
+from companion.verdict import Finding, Verdict
 from tests.recordings import BUNDLED
 
 _TIME = re.compile(r"^(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)$")

@@ -32,7 +32,7 @@ def test_the_verdict_does_not_wait_for_the_calibration(flight: Flight, monkeypat
     answers, choice = Answers(SETTINGS), ReplayChoice(how=integration_of(SETTINGS, flight))
     display = answers.recompute(flight, choice)
     with monkeypatch.context() as patch:
-        patch.delattr("companion.hypotheses.assessment.calibrate")
+        patch.delattr("companion.verdict.assessment.calibrate")
         assert answers.judge(flight, choice, display).status == "consistent"
     with monkeypatch.context() as patch:
         patch.delattr("companion.pages.replay.assess_imu")  # it goes on from what the verdict rests on

@@ -7,8 +7,8 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.hypotheses import Cause, Finding, FlightVerdict, Verdict
 from companion.present import MOST_LINES, flight_lines, grouped, ranked
+from companion.verdict import Cause, Finding, FlightVerdict, Verdict
 
 
 def finding(kind: str, severity: str, start: float, size: float | None) -> Finding:

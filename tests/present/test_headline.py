@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from companion.hypotheses import Cause, Finding, Verdict
 from companion.present import headline
+from companion.verdict import Cause, Finding, Verdict
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.app.settings import Settings, load_settings
 from companion.cli import main
-from companion.hypotheses import Finding
 from companion.present import STATISTICS, palette
 from companion.report import html_page, report_html
+from companion.verdict import Finding
 from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import Writer, resting

@@ -17,8 +17,8 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from companion.comparison import Replay
-from companion.hypotheses import Cause, Finding, Verdict
 from companion.model import Flight, StatusText, Vehicle
+from companion.verdict import Cause, Finding, Verdict
 from companion.view import (
     AnalysisResult,
     DisplayTrajectory,

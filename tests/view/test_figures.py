@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.comparison import GENERIC, FlightNoise, Limits, imu_noise
-from companion.hypotheses import Finding, Verdict
 from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.noise import imu_spectrum
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
+from companion.verdict import Finding, Verdict
 from companion.view import AnalysisResult, ReplayChoice
 from companion.view.panels import verdict
 from companion.view.panels.chart_pages import drift_lines, noise_lines, rates

@@ -10,9 +10,9 @@ import pytest
 import viser
 
 from companion.comparison.replay import FreeState
-from companion.hypotheses import LiveVerdict
 from companion.model import Flight
 from companion.model.tracks import NavState
+from companion.verdict import LiveVerdict
 from companion.view import LinkState, LiveStatus, LiveViewer, ReplayChoice, Seen, live_controller
 from companion.view.live_controller import LiveController
 from tests.view.browsing import until

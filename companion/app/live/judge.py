@@ -17,9 +17,9 @@ from math import sqrt
 
 from companion.comparison import AIRBORNE_REPORTS, compare, newest_stands_out, phases
 from companion.constants import check
-from companion.hypotheses import Alarm, Band, LiveVerdict, State, Verdict
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
+from companion.verdict import Alarm, Band, LiveVerdict, State, Verdict
 
 HORIZON_S = 40.0
 """Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it

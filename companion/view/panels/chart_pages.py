@@ -12,10 +12,10 @@ from itertools import zip_longest
 import numpy as np
 
 from companion.comparison import AxisNoise, ImuNoise
-from companion.hypotheses import Assessment, LiveVerdict
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.noise import AllanDeviation
 from companion.present import AXES, QUANTITIES, Rgb, palette
+from companion.verdict import Assessment, LiveVerdict
 from companion.view.panels.chart import DASHED, DOTTED, Chart, Drawing, Line, LineStyle, LogChart, LogDrawing
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import block

@@ -13,8 +13,8 @@ from html import escape
 import viser
 
 from companion.comparison import DriftRow, Statistic
-from companion.hypotheses import LiveVerdict
 from companion.present import capitalised, clause, lasting, palette, words, wrong
+from companion.verdict import LiveVerdict
 from companion.view.panels.controls import CAMERAS, ChooseCamera, Controls, bounded, write
 from companion.view.panels.dead_reckoning import Change, integration_controls, on_choice
 from companion.view.panels.markup import (

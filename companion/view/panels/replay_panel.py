@@ -9,10 +9,10 @@ from html import escape
 
 import numpy as np
 
-from companion.hypotheses import Verdict
 from companion.model import Flight, of_kind
 from companion.present import QUANTITIES, Rgb, headline, palette, vehicle_words
 from companion.strapdown import quaternion
+from companion.verdict import Verdict
 from companion.view.panels.controls import Controls, write
 from companion.view.panels.markup import PALE, banner, block, lines, row, swatch, table, title, wrapped
 from companion.view.panels.strip import Bands

@@ -9,7 +9,6 @@ import numpy as np
 import viser
 
 from companion.comparison import Drift, RedundantImu, Statistic, left_out
-from companion.hypotheses import Assessment, Finding, Lanes, Preflight
 from companion.model import counted, words
 from companion.present import (
     AXES,
@@ -31,6 +30,7 @@ from companion.present import (
     severity_of,
     significant,
 )  # fmt: skip
+from companion.verdict import Assessment, Finding, Lanes, Preflight
 from companion.view.panels.controls import Controls
 from companion.view.panels.markup import PALE, badge, block, lines, row, swatch, table, title, unbroken, wrapped
 from companion.view.state.moments import short

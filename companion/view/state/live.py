@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.comparison import DriftRow, FreeState, Replay
-from companion.hypotheses import LiveVerdict, Preflight
 from companion.model import Array, Flight
 from companion.strapdown import SAME_TIME
+from companion.verdict import LiveVerdict, Preflight
 from companion.view.state.trajectory import (
     COLUMNS,
     MOST,

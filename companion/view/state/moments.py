@@ -11,9 +11,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from companion.comparison import Integration, Replay, errors, expected_since_anchor, replay, trailing
-from companion.hypotheses import Assessment, Finding, Verdict
 from companion.model import Array, DataError, Event, Flight, StatusText, nearest, words
 from companion.present import QUANTITIES
+from companion.verdict import Assessment, Finding, Verdict
 from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,

@@ -24,9 +24,9 @@ from companion.comparison import (
     Replay,
     gravity_for,
 )
-from companion.hypotheses import Assessment, Lanes, Preflight, Verdict
 from companion.model import Array, DataError, Flight, ImuTrack
 from companion.strapdown import SAME_TIME, ImuModel, Sensor, correct, quaternion
+from companion.verdict import Assessment, Lanes, Preflight, Verdict
 from companion.view.state.sending import Indices
 
 MOST = 1e12

@@ -10,10 +10,10 @@ import pytest
 import companion as c
 from companion.app.live import HORIZON_S, Judge, new_stream
 from companion.estimation import smooth
-from companion.hypotheses import Band, Verdict
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
 from companion.model import Flight
 from companion.strapdown import quaternion
+from companion.verdict import Band, Verdict
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow

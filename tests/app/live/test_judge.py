@@ -10,11 +10,11 @@ import pytest
 
 from companion.app.live import HORIZON_S, Judge, Judges, new_stream
 from companion.comparison import Comparison
-from companion.hypotheses import Band, LiveVerdict, Verdict
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
 from companion.telemetry import Stream
+from companion.verdict import Band, LiveVerdict, Verdict
 from tests.simulated import bursts
 
 pytestmark = pytest.mark.slow

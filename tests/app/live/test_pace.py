@@ -8,7 +8,7 @@ from typing import cast
 import pytest
 
 from companion.app.live import Judge, Pace
-from companion.hypotheses import Alarm, LiveVerdict, State
+from companion.verdict import Alarm, LiveVerdict, State
 
 
 class Judged:

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.hypotheses import LiveVerdict
+from companion.verdict import LiveVerdict
 from companion.view import ReplayChoice
 from companion.view.panels.chart import DASHED, DOTTED, MOST_POINTS, curves, legend_style
 from companion.view.panels.chart_pages import expected_over, reading_drawings

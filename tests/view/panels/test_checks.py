@@ -9,8 +9,8 @@ import viser
 
 from companion.estimation import Correlation
 from companion.estimation.block_tridiagonal import Factor
-from companion.hypotheses import Check, LaneError, LaneInSpan, Lanes, LaneSpan, Preflight
-from companion.hypotheses.lanes import Compared
+from companion.verdict import Check, LaneError, LaneInSpan, Lanes, LaneSpan, Preflight
+from companion.verdict.lanes import Compared
 from companion.view import FlightChecks
 from companion.view.panels.verdict import ChecksFolders, lanes_markup, preflight_markup
 from tests.view.browser_messages import Tags

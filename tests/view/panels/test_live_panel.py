@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
-from companion.hypotheses import Cause, LiveVerdict, State
 from companion.present import palette
+from companion.verdict import Cause, LiveVerdict, State
 from companion.view import LinkState, ReplayChoice, StreamState
 from companion.view.panels import live_panel, markup
 from tests.view.browser_messages import Tags

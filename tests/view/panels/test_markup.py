@@ -6,8 +6,8 @@ from typing import get_args
 
 import pytest
 
-from companion.hypotheses.verdict import Status
 from companion.present import palette
+from companion.verdict.verdict import Status
 from companion.view.panels.markup import COLOURS, banner, swatch
 
 WHITE: palette.Rgb = (255, 255, 255)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from companion.comparison import Integration, replay
-from companion.hypotheses import Cause, Finding, Verdict
-from companion.hypotheses.finding import KINDS
+from companion.verdict import Cause, Finding, Verdict
+from companion.verdict.finding import KINDS
 from companion.view import ReplayChoice, display_trajectory, with_result
 from companion.view.state.moments import (
     BEFORE_S,

@@ -1,6 +1,0 @@
-"""What stands out in a flight: a module for each kind of fault, `detect` for which of them are only effects."""
-
-from companion.hypotheses.findings.aiding import screened_aiding
-from companion.hypotheses.findings.detect import autopilot_findings, findings, reading_faults, when_lost, with_reports
-from companion.hypotheses.findings.readings import rate_warning
-from companion.hypotheses.findings.stuck import missed_findings
