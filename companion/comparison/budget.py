@@ -17,8 +17,8 @@ import numpy as np
 from companion.comparison.imu_spec import ImuSpec, ReferenceSpec
 from companion.comparison.reference import InterpolationError
 from companion.comparison.windows import CURVATURE, RATE, SIGN, ZERO, Comparison, Windows, errors, windows
-from companion.constants import num, priors
-from companion.model import Array, Phase, counted
+from companion.constants import healthy, num, priors
+from companion.model import Array, Phase, counted, integrated, interpolated
 from companion.noise import chi_square
 from companion.strapdown import Preintegration, Propagation
 
@@ -91,9 +91,23 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
         "gravity": autopilot.gravity**2 * _square(growth.gravity[:, :, None]),
         "autopilot_attitude": leaned @ lasting @ leaned.swapaxes(1, 2),
         "autopilot_anchor": move @ (passing + at_start) @ move.swapaxes(1, 2),
-        "autopilot_end": passing + at_end,
+        "autopilot_end": passing + at_end + _contradiction(comparison, chosen),
     }
     return Budget(error, causes, growth)
+
+
+def _contradiction(comparison: Comparison, chosen: Windows) -> Array:
+    """(W, 9, 9) what the autopilot's position changes by in each window, and its velocity does not say.
+
+    Up to where an estimator in order has its velocity: no IMU is further off for it.
+    """
+    out, own = np.zeros((len(chosen.start), 9)), comparison.position
+    if own is not None:
+        beyond = own.position - integrated(own.t, own.velocity)
+        begin, end = comparison.track.t[chosen.start], comparison.track.t[chosen.end]
+        most = (healthy.AP_SIGMA["velocity"] * (end - begin))[:, None]
+        out[:, POSITION] = np.clip(interpolated(end, own.t, beyond) - interpolated(begin, own.t, beyond), -most, most)
+    return np.asarray(out[:, :, None] * out[:, None, :])
 
 
 def _interpolated(error: InterpolationError) -> Array:
