@@ -92,6 +92,25 @@ def test_windows_that_share_a_pass_grow_as_by_themselves(horizon: float) -> None
         np.testing.assert_allclose(shared.noise[cause], every_sample, atol=5e-3 * np.abs(every_sample).max())
 
 
+@pytest.mark.parametrize(("off", "follows", "allowed"), [(0.2, False, 0.2), (1.0, False, 0.25), (0.2, True, 0.0)])
+def test_a_velocity_that_contradicts_its_own_position_is_allowed_for(
+    off: float, *, follows: bool, allowed: float
+) -> None:
+    """Up to where an estimator in order has it; not an error that both have, which the IMU tells."""
+    flight = flight_of(MOTION)
+    position = flight.position
+    assert position is not None
+    north = np.array([off, 0.0, 0.0])
+    moved = position.position + follows * (position.t - position.t[0])[:, None] * north
+    astray = replace(flight, position=replace(position, velocity=position.velocity + north, position=moved))
+    comparison = compare(astray)
+    for horizon in (2.0, 5.0):
+        own = budget(comparison, windows(comparison, horizon), GENERIC, CERTAIN)
+        assert np.abs(own.error[:, POSITION][:, 0]) == pytest.approx(off * horizon * (not follows), abs=0.02)
+        end = own.causes["autopilot_end"][:, POSITION, POSITION]
+        assert np.sqrt(np.trace(end, axis1=1, axis2=2)) == pytest.approx(allowed * horizon, abs=0.03)
+
+
 def test_one_cause_alone_is_the_textbook() -> None:
     """At rest a gyro bias b leans gravity over: g b t³/6 in two axes; gravity off by d: d t²/2 in one."""
     comparison = compare(flight_of(motions.rest(seconds(20, 100))))
