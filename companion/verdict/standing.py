@@ -298,9 +298,8 @@ def _as_seen(
         size = now[0] - before[0]
         if cause.end_s is None or fault is None or fault.size is None:
             return replace(known, before=before, size=size)
-        return replace(
-            known, before=before, size=fault.size, probability=_doubted(fault, _stays(fault.size, before, now, cause))
-        )
+        sure = _doubted(fault, _stays(fault.size, before, now, cause), end)
+        return replace(known, before=before, size=fault.size, probability=sure)
     if _reads_again(cause, flight):
         return replace(known, probability=0.0)
     over = last < end - check.NEAR_S and cause.kind not in _OUTAGES
@@ -312,19 +311,18 @@ def _weighed(
 ) -> StandingFault:
     """A fault that a piece does not show by itself: where that begins after the onset, it cannot."""
     cause, sure = fault.cause, fault.probability
+    explained = best is not None and cause.kind in _KINDS and fault.over_s is None
+    by_onset = _by_its_onset(best, cause) if best is not None and explained else None
     if cause.kind in _STILL:
         sure = 0.0 if _reads_again(cause, flight) else sure
     elif cause.kind in _OUTAGES:
         sure = 0.0 if _comes_again(cause, flight, end) else sure
-    elif (
-        judged and best is not None and cause.kind in _KINDS and fault.over_s is None
-        and (by_onset := _by_its_onset(best, cause)) is not None
-    ):  # fmt: skip
-        sure = _doubted(fault, by_onset)
+    elif judged and by_onset is not None:
+        sure = _doubted(fault, by_onset, end)
     elif fault.before is not None and fault.size is not None:
         if (now := reads(cause, flight, best)) is None:
             return fault
-        sure = _stays(fault.size, fault.before, now, cause)
+        sure = max(_stays(fault.size, fault.before, now, cause), by_onset or 0.0)  # another error of it, for one
         if sure > priors.ACCUSED and cause.kind.endswith("_bias"):  # a bias may go on growing
             fault = replace(fault, size=now[0] - fault.before[0])
     elif cause.sensor in AIDING and cause.end_s is None:
@@ -334,9 +332,10 @@ def _weighed(
     return fault if sure == fault.probability else replace(fault, probability=sure)
 
 
-def _doubted(fault: StandingFault, sure: float) -> float:
-    """The probability by a piece; not small at once where the piece before, which shares most of it, had found it."""
-    return max(sure, num.DOUBTED_ONCE) if fault.probability == 1.0 else sure
+def _doubted(fault: StandingFault, sure: float, end: float) -> float:
+    """The probability by a piece; not small at once where it shares most with a piece that had found the fault."""
+    just_found = fault.probability == 1.0 or end - fault.seen_s < 0.5 * num.JUDGED_S
+    return max(sure, num.DOUBTED_ONCE) if just_found else sure
 
 
 def _by_its_onset(best: BestEstimate, cause: Cause) -> float | None:
