@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.accuracy.cutting import cut
 from companion.comparison import GENERIC
+from companion.estimation import Explained, Rival
 from companion.model import Flight, rows
 from companion.strapdown import motions
 from companion.verdict import Cause, Finding, StandingFault, Verdict, assess, carried_on, standing_verdict
@@ -89,6 +90,21 @@ def test_a_scale_stays_though_a_piece_takes_it_for_a_bias(scale: float) -> None:
     fault = StandingFault(found, 1.0, 55.0, before, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
     (kept, *_) = carried_on([fault], piece, own.verdict, own.best)
     assert (kept.over_s is None) == (scale > 0.0)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_a_bias_that_is_a_scale_instead_is_not_over_where_a_piece_cannot_tell(*, explained: bool) -> None:
+    piece = cut(FLIGHT, 20.0, 62.0)
+    best = assess(piece, GENERIC).best
+    assert best is not None
+    rivals = (Rival("gyro_scale", "step", 2.6, 1.0),)
+    scale = Explained("gyro_scale", "step", BEGIN, 0.2, np.inf, np.full(3, 0.05), np.full(3, 0.01), rivals)
+    known = replace(best, explained=(scale,) * explained, explained_covariance=np.zeros((0, 0)), further=())
+    (found,) = alarm("gyro_bias", "imu", BEGIN, None, sensor="gyro", axis="z", size=0.02, onset_sigma_s=0.2).findings
+    fault = StandingFault(found, 1.0, 58.0, (np.zeros(3), np.eye(3) * 1e-6), np.array([0.0, 0.0, 0.02]))
+    (kept,) = carried_on([fault], piece, UNSURE, known)
+    assert (kept.over_s is None) is explained
+    assert kept.probability == pytest.approx(0.93 * explained, abs=0.01)
 
 
 def test_a_healthy_flight_has_no_fault_that_stands() -> None:
