@@ -102,11 +102,12 @@ def _contradiction(comparison: Comparison, chosen: Windows) -> Array:
     Up to where an estimator in order has its velocity: no IMU is further off for it.
     """
     out, own = np.zeros((len(chosen.start), 9)), comparison.position
-    if own is not None:
+    if own is not None and len(own):
         beyond = own.position - integrated(own.t, own.velocity)
         begin, end = comparison.track.t[chosen.start], comparison.track.t[chosen.end]
         most = (healthy.AP_SIGMA["velocity"] * (end - begin))[:, None]
-        out[:, POSITION] = np.clip(interpolated(end, own.t, beyond) - interpolated(begin, own.t, beyond), -most, most)
+        change = interpolated(end, own.t, beyond) - interpolated(begin, own.t, beyond)
+        out[:, POSITION] = np.nan_to_num(np.clip(change, -most, most))  # a velocity that is not known allows nothing
     return np.asarray(out[:, :, None] * out[:, None, :])
 
 
