@@ -18,7 +18,7 @@ from companion.comparison.imu_spec import ImuSpec, ReferenceSpec
 from companion.comparison.reference import InterpolationError
 from companion.comparison.windows import CURVATURE, RATE, SIGN, ZERO, Comparison, Windows, errors, windows
 from companion.constants import healthy, num, priors
-from companion.model import Array, Phase, counted, integrated, interpolated
+from companion.model import Array, Phase, counted, interpolated
 from companion.noise import chi_square
 from companion.strapdown import Preintegration, Propagation
 
@@ -103,7 +103,7 @@ def _contradiction(comparison: Comparison, chosen: Windows) -> Array:
     """
     out, own = np.zeros((len(chosen.start), 9)), comparison.position
     if own is not None and len(own):
-        beyond = own.position - integrated(own.t, own.velocity)
+        beyond = comparison.moved_beyond_velocity
         begin, end = comparison.track.t[chosen.start], comparison.track.t[chosen.end]
         most = (healthy.AP_SIGMA["velocity"] * (end - begin))[:, None]
         change = interpolated(end, own.t, beyond) - interpolated(begin, own.t, beyond)

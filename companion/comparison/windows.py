@@ -34,6 +34,7 @@ from companion.model import (
     brief,
     check_number,
     check_seconds,
+    integrated,
     median,
     nearest,
 )
@@ -177,6 +178,12 @@ class Comparison:
         sums = None if seconds is None else joined(self._second_sums, *seconds)
         state, gravity = (begin.q_ned_frd, begin.velocity), self.how.gravity
         return propagate(self.track, self.path, start, end, *state, gravity=gravity, sums=sums)
+
+    @cached_property
+    def moved_beyond_velocity(self) -> Array:
+        """(M, 3) NED, m: the autopilot's position less the integral of its own velocity; empty without a position."""
+        own = self.position
+        return np.zeros((0, 3)) if own is None else own.position - integrated(own.t, own.velocity)
 
     @cached_property
     def _seconds(self) -> IntArray:

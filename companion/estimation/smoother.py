@@ -147,6 +147,10 @@ def _bias_sigma(states: States) -> Array | None:
     return np.where(unusual, faulty, usual) if unusual.any() else None
 
 
+_When = tuple[str, str, int | None, float, float]
+"""What a candidate is (hypothesis, shape, IMU), and from when to when, s."""
+
+
 def next_adaptation(
     setup: Setup, start: Start, settled: Start, linear: Problem, accepted: Sequence[Candidate]
 ) -> Adaptation | tuple[Rival, ...]:
@@ -185,14 +189,14 @@ def next_adaptation(
 
 def _tried(
     setup: Setup, begin: Start, accepted: Sequence[Candidate], candidates: Iterable[Candidate]
-) -> tuple[list[Adaptation], list[Candidate], set[tuple[str, str, int | None, float, float]]]:
+) -> tuple[list[Adaptation], list[Candidate], set[_When]]:
     """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
 
     And which could not be.
 
     The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
     """
-    tried, weighed, failed = list[Adaptation](), list[Candidate](), set[tuple[str, str, int | None, float, float]]()
+    tried, weighed, failed = list[Adaptation](), list[Candidate](), set[_When]()
     left = sorted(candidates, key=lambda one: one.log_odds)
     while left:
         candidate = left.pop()
@@ -211,8 +215,7 @@ def _tried(
     return tried, weighed, failed
 
 
-def _when(one: Candidate) -> tuple[str, str, int | None, float, float]:
-    """What a candidate is, and when."""
+def _when(one: Candidate) -> _When:
     return (*one.name, one.onset, one.end)
 
 
