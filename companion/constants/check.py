@@ -5,7 +5,6 @@ from math import comb, log, radians
 # The autopilot's estimator
 OVERSHOOT = 2.0  # times what misled it: a height that is off by more has another cause
 NEAR_S = 5.0  # a fault and an estimator's deviation so close in time may be one event: onsets are blurred
-CERTAIN_SIGMAS = 4.0  # σ of both together, from which on a deviation surely follows what misled the estimator
 SUDDEN_S = 1.0  # one that begins with a step of
 SUDDEN = 0.5  # so much of itself need not last longer
 DEVIATION_ONSET = 0.25  # of a deviation's peak, from where it rose

@@ -104,7 +104,11 @@ def findings_of(
     """
     may = tuple(e for e in all_intervals if e.device != "imu" or _in_use(e, best, in_use))
     caused = [(d, _cause_among(d, may, best)) for d in deviations]
-    by_interval = (_of_interval(one, [d for d, cause in caused if cause is one], best, in_use) for one in all_intervals)
+
+    def led_to(one: FaultInterval) -> list[EstimatorDeviation]:
+        return [d for d, cause in caused if cause is one and d.probability_after(one.start) > priors.PROBABLY_HARMFUL]
+
+    by_interval = (_of_interval(one, led_to(one), best, in_use) for one in all_intervals)
     own = [d for d, cause in caused if cause is None and d.may_be_error]
     imu_agrees_from = min((d.start for d in own if d.imu_confirms), default=np.inf)
     return [*filter(None, by_interval), *(_own(d, best, imu_agrees_from) for d in own)]
@@ -115,7 +119,7 @@ def _of_interval(
 ) -> Finding | None:
     """A sensor's interval with the deviations that follow it; None for what is harmless and hardly more than its σ."""
     harmed = bool(consequences)
-    misleads = any(d.size >= check.CERTAIN_SIGMAS * d.sigma for d in consequences)
+    misleads = any(d.probability_after(interval.start) >= priors.ACCUSED for d in consequences)
     severity: Severity = "warning" if harmed else "info"
     nobody = likelihoods(interval).get("nobody", 0.0)
     no_fault = nobody >= priors.ACCUSED
@@ -304,13 +308,6 @@ def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: 
     if deviation.probability < priors.ACCUSED:
         why = f"{_HARDLY_OFF} (an error of the estimator: {percent(deviation.probability)})"
         yield Doubt(why, _ANOTHER, "chance")
-
-
-def possible_error(deviation: EstimatorDeviation) -> Finding:
-    """A deviation that would do harm, and may as well be chance."""
-    own, chance = deviation.cause, f"an error of the estimator: {percent(deviation.probability)}"
-    evidence = f"autopilot and IMU differ by {deviation}, which may be chance ({chance})"
-    return Finding(own.kind, "data", "info", deviation.start, deviation.end, evidence, "", cause=own)
 
 
 def _own(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: float) -> Finding:

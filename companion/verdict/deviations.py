@@ -7,7 +7,7 @@ readings.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,7 +41,13 @@ from companion.model import (
     weighted_median,
 )
 from companion.strapdown import quaternion
-from companion.verdict.fault_interval import BIAS_UNITS, SENSOR_WORDS, EstimatorDeviation, unreported
+from companion.verdict.fault_interval import (
+    BIAS_UNITS,
+    SENSOR_WORDS,
+    EstimatorDeviation,
+    error_log_bayes,
+    unreported,
+)
 from companion.verdict.finding import Finding
 
 
@@ -181,55 +187,58 @@ COMPONENTS: Mapping[str, tuple[str, slice]] = {
 _LEAST = {**harm.AP_ERROR, "position": hypothesis_of("gps_position").min_reported}  # as a healthy receiver shifts
 
 
-def called_and_possible(
+def deviations_of(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[tuple[EstimatorDeviation, ...], tuple[EstimatorDeviation, ...]]:
-    """Where the autopilot's estimate leaves the best estimate, while it is judged.
+) -> tuple[EstimatorDeviation, ...]:
+    """Every time in which the autopilot's estimate is off by what does harm, while it is judged.
 
-    And the largest of each other quantity that would do harm, and may be chance as well.
+    And in which an error of it is likelier than what both may be off by: how likely, it says itself.
 
     A heading deviates by what it is off by, and where that is in doubt by what it has changed by: that is known better
     where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
     reference, off = _off(flight, best, limits, tilted)
-    called: list[EstimatorDeviation] = []
-    possible: list[EstimatorDeviation] = []
-    for name, (value, sigma, known) in off.items():
-        both = np.hypot(sigma, healthy.AP_SIGMA[name])
-        beyond = known & (value > np.maximum(_LEAST[name], num.Z_95 * both))
-        own = _lasting(best, reference, name, value, both, known, known & (value > least_deviation(name, sigma)))
-        called += own
-        if any(one.may_be_error for one in own):
-            continue
-        if some := [one for one in _lasting(best, reference, name, value, both, known, beyond) if one.may_be_error]:
-            likeliest = max(some, key=lambda one: one.probability)
-            lasts = (best.t >= likeliest.start) & (best.t <= likeliest.end)  # its peak is the largest of many by chance
-            size, own_sigma = float(np.median(value[lasts])), float(np.median(both[lasts]))
-            possible.append(replace(likeliest, size=size, sigma=own_sigma))
-    return tuple(sorted(called, key=lambda d: d.start)), tuple(possible)
+    found = (one for name, quantity in off.items() for one in _lasting(best, reference, name, *quantity))
+    return tuple(sorted(found, key=lambda one: one.start))
 
 
 def _lasting(
-    best: BestEstimate, reference: Reference, name: str, value: Array, sigma: Array, judged: BoolArray, where: BoolArray
-) -> list[EstimatorDeviation]:
+    best: BestEstimate, reference: Reference, name: str, value: Array, known_to: Array, judged: BoolArray
+) -> Iterator[EstimatorDeviation]:
     """Each stretch of keyframes (K,) that lasts; one that begins with a step need not last as long as what grows.
 
-    judged: (K,) where chance might have made one.
+    known_to: (K,) 1σ of the best estimate. judged: (K,) where chance might have made one.
     """
-    out, t = [], best.t
-    in_all = float(np.diff(t)[judged[1:]].sum())
-    for first, last in runs(where):
+    t, sigma = best.t, np.hypot(known_to, healthy.AP_SIGMA[name])
+    evidence, in_all = error_log_bayes(name, value, sigma), float(np.diff(t)[judged[1:]].sum())
+    for first, last in runs(judged & (value > _LEAST[name]) & (evidence > 0.0)):
         before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
         stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
-        lasts = float(t[last] - t[first])
-        if lasts < (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
+        here = slice(first, last + 1)
+        weighed = _loudest(t[here], evidence[here], check.SUDDEN_S if stepped else healthy.DEVIATION_S[name])
+        if weighed is None:
             continue
-        peak, places = first + int(np.argmax(value[first : last + 1])), max(1.0, in_all / lasts)
+        peak = first + int(np.argmax(value[here]))
         confirmed = _confirmed_by_imu(best, reference, name, value, peak)
-        size, own = float(value[peak]), float(sigma[peak])
-        out.append(EstimatorDeviation(name, float(t[first]), float(t[last]), size, own, confirmed, places))
-    return out
+        size = float(value[peak]), float(sigma[peak])
+        yield EstimatorDeviation(name, float(t[first]), float(t[last]), *size, *weighed, in_all, confirmed)
+
+
+def _loudest(t: Array, evidence: Array, least: float) -> tuple[float, float] | None:
+    """The evidence (K,) that no keyframe (K,) of some part falls below, and how long that part lasts, s.
+
+    Of all parts of least s, twice that and so on the one that says most, as chance may do it in fewer places the longer
+    it lasts. None where nothing lasts for so long.
+    """
+    padded, parts, lasts = np.append(evidence, np.inf), list[tuple[float, float]](), least
+    while lasts <= t[-1] - t[0]:
+        end = np.searchsorted(t, t + lasts)
+        first = np.flatnonzero(end < len(t))
+        weakest = np.minimum.reduceat(padded, np.column_stack([first, end[first] + 1]).ravel())[::2]
+        parts.append((float(weakest.max()), lasts))
+        lasts *= 2.0
+    return max(parts, key=lambda part: part[0] + np.log(part[1]), default=None)
 
 
 def _off(

@@ -63,26 +63,30 @@ class FaultInterval:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorDeviation:
-    """A time during which the autopilot's estimate is further from the best estimate than both may be off."""
+    """A time during which the autopilot's estimate is off the best estimate by what does harm."""
 
     quantity: str  # "tilt", "heading", "velocity", "position", "height"
     start: float  # s, boot clock
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
+    log_bayes: float  # that it is an error against what both may be off by, of what lasts of it
+    lasts: float  # s
+    judged: float  # s of the flight in which chance might have made one
     imu_confirms: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
-    places: float = 1.0  # times that what was judged is as long as it lasts: in so many places chance may do as much
 
     @property
     def probability(self) -> float:
-        """That the estimator is in error: of two normal distributions (Bayes), the time being unknown beforehand.
+        """That the estimator is in error by itself, the time being unknown beforehand."""
+        return self._probability(priors.ESTIMATOR_ERROR, self.judged)
 
-        One in order is off by sigma.
-        """
-        large = float(np.hypot(self.sigma, harm.AP_ERROR_SIGMA[self.quantity]))
-        odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * self.sigma / large / self.places)
-        odds += 0.5 * self.size**2 * (self.sigma**-2.0 - large**-2.0)
-        return float(1.0 / (1.0 + np.exp(-odds)))
+    def probability_after(self, onset: float) -> float:
+        """That it is in error where a sensor that it reads has a fault since an onset, s."""
+        return self._probability(priors.MISLED, min(self.end - onset, self.judged))
+
+    def _probability(self, prior: float, within: float) -> float:
+        places = max(1.0, within / self.lasts)  # in so many chance may do as much
+        return float(1.0 / (1.0 + np.exp(-(np.log(prior / (1.0 - prior) / places) + self.log_bayes))))
 
     @property
     def may_be_error(self) -> bool:
@@ -106,6 +110,15 @@ class EstimatorDeviation:
     def __str__(self) -> str:
         unit, scale = DEVIATION_UNITS[self.quantity]
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
+
+
+def error_log_bayes(quantity: str, size: Array, sigma: Array) -> Array:
+    """(K,) logarithm of the Bayes factor of an error of an estimate that is off by a size (K,), known to sigma (K,).
+
+    Of two normal distributions: an estimate in order is off by sigma.
+    """
+    large = np.hypot(sigma, harm.AP_ERROR_SIGMA[quantity])
+    return np.asarray(np.log(sigma / large) + 0.5 * size**2 * (sigma**-2.0 - large**-2.0))
 
 
 def fault_intervals(best: BestEstimate) -> tuple[FaultInterval, ...]:

@@ -18,12 +18,13 @@ from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained,
 from companion.estimation.learned_noise import FIRST_NOISE
 from companion.model import Array, EstimatorReset, Flight, Origin, PositionTrack, SensorInUse, geodetic_from_ned
 from companion.strapdown import quaternion
-from companion.verdict.attribution import fault_probability, findings_of, follows, possible_error
-from companion.verdict.deviations import called_and_possible
+from companion.verdict.attribution import fault_probability, findings_of, follows
+from companion.verdict.deviations import deviations_of
 from companion.verdict.fault_interval import EstimatorDeviation, FaultInterval, cause_of, described, fault_intervals
 from companion.verdict.finding import Finding
 from companion.verdict.findings import findings
 from tests.flights import turned
+from tests.verdict.deviating import off_by
 
 ONSET = 30.0
 NORTH, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -32,8 +33,7 @@ NORTH, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 def estimator_deviations(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[EstimatorDeviation, ...]:
-    called, _ = called_and_possible(flight, best, limits, tilted)
-    return called
+    return tuple(one for one in deviations_of(flight, best, limits, tilted) if one.probability > 0.5)
 
 
 def headed(flight: Flight, degrees: float) -> Flight:
@@ -118,20 +118,17 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert estimator_deviations(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
 
 
-def test_a_harmful_deviation_that_may_be_chance_is_said_with_its_probability(
-    flight: Flight, best: BestEstimate
-) -> None:
-    """11° where both may be off by 4.3°, 1σ: less than three of them, and more than does no harm."""
-    off, doubted = headed(flight, 11.0), unsure(best)
-    assert estimator_deviations(off, doubted, Limits()) == ()
-    (heading,) = called_and_possible(off, doubted, Limits())[1]
-    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([11.0, 4.3], abs=1.0)
-    finding = possible_error(heading)
-    assert (finding.severity, finding.undecided) == ("info", False)
-    assert finding.cause is not None
-    assert finding.cause.probability == pytest.approx(0.15, abs=0.1)
-    assert called_and_possible(headed(flight, 6.0), doubted, Limits())[1] == ()  # harms nobody
-    assert called_and_possible(headed(flight, 40.0), doubted, Limits())[1] == ()  # is called
+def test_a_harmful_deviation_that_may_be_chance_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
+    """13° where both may be off by 4.3°, 1σ: three of them."""
+    doubted = unsure(best)
+    (heading,) = deviations_of(headed(flight, 13.0), doubted, Limits())
+    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([13.0, 4.3], abs=1.0)
+    assert 0.05 < heading.probability < 0.95
+    (finding,) = findings_of((), (heading,), doubted)
+    assert (finding.side, finding.undecided) == ("data", True)
+    assert deviations_of(headed(flight, 6.0), doubted, Limits()) == ()  # harms nobody
+    (sure,) = estimator_deviations(headed(flight, 40.0), doubted, Limits())
+    assert sure.probability > 0.95
 
 
 def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_of_it(
@@ -241,7 +238,7 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
 
 
 def test_what_chance_does_in_a_long_flight_is_a_consequence_where_a_fault_comes_before_it(best: BestEstimate) -> None:
-    off = EstimatorDeviation("tilt", ONSET + 2.0, ONSET + 5.0, 0.05, 0.0135, places=300.0)
+    off = off_by("tilt", ONSET + 2.0, ONSET + 5.0, 0.05, 0.0135, places=300.0)
     assert not off.may_be_error
     assert findings_of((), (off,), best) == []
     biased = replace(best, explained=(step(ONSET, np.inf, 0.02),))
@@ -560,7 +557,7 @@ def test_a_gyro_that_warms_from_the_beginning_on_is_accused(best: BestEstimate) 
 def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
     noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
-    away = EstimatorDeviation("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0)
+    away = off_by("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0)
     (told,) = findings_of((), (away,), noisy)
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence
@@ -624,7 +621,7 @@ def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> 
 
 
 def test_nothing_follows_what_came_later_or_cannot_mislead(best: BestEstimate) -> None:
-    early = EstimatorDeviation("heading", 10.0, 20.0, 0.5, 0.05)
+    early = off_by("heading", 10.0, 20.0, 0.5, 0.05)
 
     def interval(kind: str, side: str, start: float) -> FaultInterval:
         return FaultInterval(kind, side, start, 0.1, np.inf, np.ones(3), 0.1, ())
@@ -639,7 +636,7 @@ def test_a_heading_does_not_follow_a_field_that_only_grows(best: BestEstimate) -
     """Along the field that is there a compass points where it did: it has turned nothing that would mislead."""
     level = best.states.constant("earth_field")[:2]
     level = level / np.linalg.norm(level)
-    off = EstimatorDeviation("heading", 10.0, 20.0, 0.5, 0.05)
+    off = off_by("heading", 10.0, 20.0, 0.5, 0.05)
 
     def field(along: Array) -> FaultInterval:
         return FaultInterval("compass_field", "compass", 9.0, 0.1, np.inf, 12.0 * along, 0.5, ())
@@ -733,7 +730,7 @@ def test_the_imu_the_other_sensors_and_nobody_are_told_apart(
     best: BestEstimate, kind: str, size: Array, rivals: tuple[tuple[str, float, float], ...], side: str
 ) -> None:
     """Which of the IMU's errors it is, or which sensor misled the autopilot, need not be known to say whose it is."""
-    misled = EstimatorDeviation("position", ONSET, ONSET + 20.0, 30.0, 1.0)
+    misled = off_by("position", ONSET, ONSET + 20.0, 30.0, 1.0)
     (finding,) = findings_of((weighed(kind, size, *rivals),), (misled,), best)
     if side == "nobody":  # the autopilot is off, and no sensor's fault explains it
         kind, side = "position_off", "data"
@@ -754,7 +751,7 @@ def test_a_scale_from_the_start_is_a_fault_as_far_as_no_calibration_leaves_it(be
     """What the text says of it and what the probabilities of the sides say is one number."""
     early = replace(accepted("gyro_scale", 0.0, 0.0, 0.10, onset=best.t[0], sigma=0.02))
     off = replace(best, explained=(early,), further=())
-    misled = EstimatorDeviation("heading", best.t[0], ONSET, 0.5, 0.05)
+    misled = off_by("heading", best.t[0], ONSET, 0.5, 0.05)
     (finding,) = findings_of(fault_intervals(off), (misled,), off)
     said = re.search(r"\(a fault: ([\d.]+) %\)", finding.evidence)
     assert said, finding.evidence
@@ -765,7 +762,7 @@ def test_a_scale_from_the_start_is_a_fault_as_far_as_no_calibration_leaves_it(be
 def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     """However sure it is, and whatever it did."""
     moment = replace(accepted(kind, 9.0, 0.0, 0.0), shape="shock", rivals=(Rival(kind, "shock", 50.0, 0.0),))
-    misled = EstimatorDeviation("velocity", ONSET, ONSET + 20.0, 9.0, 0.1)
+    misled = off_by("velocity", ONSET, ONSET + 20.0, 9.0, 0.1)
     (finding,) = findings_of(fault_intervals(replace(best, explained=(moment,))), (misled,), best)
     assert (finding.kind, finding.side, finding.severity) == (kind, "data", "warning")
     assert "no sensor is blamed for a single moment" in finding.evidence

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from companion.constants import num, priors
-from companion.verdict.attribution import possible_error
-from companion.verdict.fault_interval import EstimatorDeviation
 from companion.verdict.finding import Cause, Finding, Side
 from companion.verdict.verdict import Agreement, decide
+from tests.verdict.deviating import off_by
 
 
 def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str) -> Finding:
@@ -124,17 +123,15 @@ def test_consistent_holds_at_every_horizon_that_has_many_windows() -> None:
 
 def test_an_error_of_the_estimator_is_the_likelier_the_further_it_is_off() -> None:
     """An estimator that is off by less than three σ may be in order; from five on it hardly is."""
-    shares = [EstimatorDeviation("tilt", 0.0, 9.0, size, 0.02).probability for size in np.linspace(0.0, 0.12, 50)]
+    shares = [off_by("tilt", 0.0, 9.0, size, 0.02).probability for size in np.linspace(0.0, 0.12, 50)]
     assert (np.diff(shares) > 0.0).all()
-    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.06, 0.02).probability < priors.ACCUSED
-    assert EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02).probability > priors.ACCUSED
+    assert off_by("tilt", 0.0, 9.0, 0.06, 0.02).probability < priors.ACCUSED
+    assert off_by("tilt", 0.0, 9.0, 0.10, 0.02).probability > priors.ACCUSED
 
 
 def test_what_is_off_for_a_moment_of_a_long_flight_may_be_chance_where_the_same_throughout_is_not() -> None:
     """The largest of many independent stretches is large by chance."""
-    shares = [
-        EstimatorDeviation("tilt", 0.0, 9.0, 0.10, 0.02, places=times).probability for times in (1.0, 10.0, 100.0)
-    ]
+    shares = [off_by("tilt", 0.0, 9.0, 0.10, 0.02, places=times).probability for times in (1.0, 10.0, 100.0)]
     odds = [share / (1.0 - share) for share in shares]
     assert odds[0] == pytest.approx(10.0 * odds[1])
     assert odds[1] == pytest.approx(10.0 * odds[2])
@@ -144,22 +141,19 @@ def test_what_is_off_for_a_moment_of_a_long_flight_may_be_chance_where_the_same_
 
 @pytest.mark.parametrize("size", [0.05, 0.2])
 def test_the_autopilot_has_a_probability_beside_the_sensors(size: float) -> None:
-    off = EstimatorDeviation("tilt", 50.0, 60.0, size, 0.02)
+    off = off_by("tilt", 50.0, 60.0, size, 0.02)
     finding = replace(cause("tilt_off", "autopilot", 50.0, None, ""), cause=off.cause)
     sensors = {"imu": 0.04, "gps": 0.0, "compass": 0.06, "barometer": 0.0, "nobody": 0.9}
     shares = decide(agreements(5, {"attitude": 0.9}), (finding,), None, "RAW_IMU", sensors).probability
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["autopilot"] == pytest.approx(0.9 * off.probability)
     assert shares["imu"] == sensors["imu"]
-    perhaps = decide(agreements(5, {"attitude": 0.9}), (possible_error(off),), None, "RAW_IMU", sensors)
-    assert perhaps.status == "consistent"
-    assert perhaps.probability == shares
 
 
 @pytest.mark.parametrize(("imu", "status"), [(0.04, "autopilot_suspect"), (0.27, "insufficient_data")])
 def test_no_side_is_accused_that_has_less_than_95_percent_of_all_shares(imu: float, status: str) -> None:
     """An estimator that is off for certain, beside an IMU that may have been at fault since the start."""
-    off = EstimatorDeviation("tilt", 50.0, 60.0, 0.3, 0.02)
+    off = off_by("tilt", 50.0, 60.0, 0.3, 0.02)
     finding = replace(cause("tilt_off", "autopilot", 50.0, None, ""), cause=off.cause)
     sensors = {"imu": imu, "gps": 0.0, "compass": 0.0, "barometer": 0.0, "nobody": 1.0 - imu}
     verdict = decide(agreements(5, {"attitude": 0.9}), (finding,), None, "RAW_IMU", sensors)
@@ -170,7 +164,7 @@ def test_no_side_is_accused_that_has_less_than_95_percent_of_all_shares(imu: flo
 
 
 def test_where_either_may_be_wrong_both_have_their_share() -> None:
-    off = EstimatorDeviation("tilt", 50.0, 60.0, 0.2, 0.02)
+    off = off_by("tilt", 50.0, 60.0, 0.2, 0.02)
     sure, imu = off.or_imu
     assert sure / imu == pytest.approx(priors.ESTIMATOR_ERROR / priors.FAULTY_IMU)
     assert sure + imu > off.probability - 0.01

@@ -31,9 +31,9 @@ from companion.comparison import (
 from companion.constants import check, healthy, num
 from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import Flight, ImuTrack, Phase, Series
-from companion.verdict.attribution import findings_of, possible_error
+from companion.verdict.attribution import findings_of
 from companion.verdict.constant_faults import ALL_THE_TIME, ConstantError, constant_findings
-from companion.verdict.deviations import called_and_possible, known_biases
+from companion.verdict.deviations import deviations_of, known_biases
 from companion.verdict.fault_interval import fault_intervals
 from companion.verdict.finding import Cause, Finding, are_near, by_severity
 from companion.verdict.findings.aiding import screened_aiding
@@ -59,11 +59,9 @@ def findings_by_estimate(
     """Those of the best estimate. faults: of readings that are none. tilted: roll and pitch of the IMU, rad."""
     landed = landed_at(phases(flight))
     while_judged = tuple(one for one in fault_intervals(best) if one.start - num.SIGMAS * one.start_sigma < landed)
-    called, possible = called_and_possible(flight, best, limits, tilted)
-    deviations = tuple(one for one in called if not is_led_to(one.start, one.end, faults))
+    every = deviations_of(flight, best, limits, tilted)
+    deviations = tuple(one for one in every if not is_led_to(one.start, one.end, faults))
     out = findings_of(while_judged, deviations, best, flight.imu_in_use)
-    if not out or all(one.severity == "info" for one in out):  # else it is known what is wrong
-        out += map(possible_error, possible)
     return [*out, *known_biases(flight, best), *setting_findings(flight, best, limits)]
 
 
@@ -75,8 +73,8 @@ def leans_in_vain(flight: Flight, best: BestEstimate, limits: Limits, tilted: tu
     """
 
     def leans(tilted: tuple[float, float]) -> bool:
-        called, _ = called_and_possible(flight, best, limits, tilted)
-        return any(one.quantity == "tilt" for one in called)
+        deviations = deviations_of(flight, best, limits, tilted)
+        return any(one.quantity == "tilt" and one.may_be_error for one in deviations)
 
     return any(tilted) and leans(tilted) and not leans((0.0, 0.0))
 
