@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from statistics import median
 
 import numpy as np
 
@@ -52,7 +51,7 @@ def unchanged(readings: Array) -> BoolArray:
     change = np.abs(np.diff(readings, axis=0))
     if not len(change):
         return np.zeros((0, 3), np.bool_)
-    nothing = np.full(3, check.STUCK_CHANGE * max(map(median, change.T)))
+    nothing = np.full(3, check.STUCK_CHANGE * np.median(change, axis=0).max())
     own = check.STUCK_CHANGE * np.quantile(change, check.STUCK_USUAL, axis=0)
     usual = np.quantile(readings, (1.0 - check.STUCK_USUAL, check.STUCK_USUAL), axis=0)
     moves = np.ptp(usual, axis=0) > check.STUCK_SWING * nothing
