@@ -174,4 +174,4 @@ FILTERED_PERIODS = 5.0  # of a low-pass's corner: τ below are not white noise's
 
 # What is said
 ANY_BIAS = 100.0  # times the size that such faults have: no sensor reads so much
-STALE_S = 5.0  # from which age of its data on a live verdict is none of now any more: it is renewed every 4 s
+STALE_S = 5.0  # from which age of its data on a live verdict is none of now any more: it is renewed every 3 s

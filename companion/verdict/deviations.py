@@ -199,8 +199,8 @@ def deviations_of(
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
     reference, off = _off(flight, best, limits, tilted)
-    found = (one for name, quantity in off.items() for one in _lasting(best, reference, name, *quantity))
-    return tuple(sorted(found, key=lambda one: one.start))
+    every = (one for name, quantity in off.items() for one in _lasting(best, reference, name, *quantity))
+    return tuple(sorted(every, key=lambda one: one.start))
 
 
 def _lasting(

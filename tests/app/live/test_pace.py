@@ -40,8 +40,8 @@ def test_it_is_judged_in_turn_and_looked_at_between() -> None:
     judge = Judged()
     pace = Pace(cast("Judge", judge))
     run(judge, pace, 1.0, 15.0)
-    assert judge.judged == [1.0, 5.0, 9.0, 13.0]
-    assert 4 <= sum(5.0 < t < 7.01 for t in judge.looks) <= 6, "more than twice a second"
+    assert judge.judged == [1.0, 4.0, 7.0, 10.0, 13.0]
+    assert 4 <= sum(4.0 < t < 6.01 for t in judge.looks) <= 6, "more than twice a second"
 
 
 def test_what_has_just_begun_is_judged_at_once() -> None:
@@ -60,9 +60,9 @@ def test_a_verdict_that_has_changed_is_looked_into_at_once() -> None:
     run(judge, pace, 1.0, 2.0)
     judge.says = "insufficient_data"
     run(judge, pace, 2.0, 10.0)
-    assert judge.judged[:2] == [1.0, 5.0]
-    assert judge.judged[2] < 5.2
-    assert judge.judged[3] >= judge.judged[2] + 3.9, "it is the same as before"
+    assert judge.judged[:2] == [1.0, 4.0]
+    assert judge.judged[2] < 4.2
+    assert judge.judged[3] >= judge.judged[2] + 2.9, "it is the same as before"
 
 
 def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
@@ -134,11 +134,11 @@ def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monk
     pace = Pace(cast("Judge", judge))
     monkeypatch.setattr("companion.app.live.judge.time.monotonic", lambda: next(clock) * took)  # asked twice for each
     run(judge, pace, 1.0, 5.9)
-    assert judge.judged == [1.0, 5.0]
+    assert judge.judged == [1.0, 4.0]
     assert judge.most_s == 90.0
-    took = 1.4  # on a busy computer: 2.8 s until the next
+    took = 2.0  # on a busy computer: 2.6 s until the next
     run(judge, pace, 6.0, 12.9)
-    assert judge.judged[2:] == [9.0, 11.8]
+    assert judge.judged[2:] == [7.0, 9.6, 12.2]
     assert judge.most_s == 90.0
     took = 5.0
     run(judge, pace, 13.0, 20.0)
