@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from itertools import count as counter
 
 import numpy as np
 
@@ -144,6 +145,7 @@ class Start:
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
     gain: float = 0.0  # by how much a further step would have lessened the misfit, where an iteration has ended here
     complete: bool = False  # whether noise and states had settled there, before the passes were used up
+    passes: int = 0  # times that the problem was made linear since it began
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -171,9 +173,10 @@ def estimate(
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
     limits, path = _limits(setup, start, accepted, limits), preintegrated(setup, start.states, start.path, roughly)
-    wide, shaken = noise, np.ones_like(setup.relative_noise)
+    wide, shaken, made = noise, np.ones_like(setup.relative_noise), counter()
 
     def about(point: Point) -> Problem:
+        next(made)
         rougher = replace(setup, relative_noise=setup.relative_noise * shaken)
         return linearise(rougher, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
 
@@ -210,7 +213,7 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < num.CONVERGED_MISFIT:
             break
-    return Start(step.at(1.0).states, noise, scale, slow, path, gain=step.gain, complete=complete), linear
+    return Start(step.at(1.0).states, noise, scale, slow, path, False, step.gain, complete, next(made)), linear
 
 
 def _limits(
@@ -289,6 +292,7 @@ class Adaptation:
     settled: Start
     linear: Problem
     rivals: tuple[Rival, ...] = ()
+    passes: int = 0  # of all estimates that it was chosen among
 
 
 def estimate_with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:

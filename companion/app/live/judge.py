@@ -1,10 +1,10 @@
 """The verdicts while flights happen: now, by the last seconds, and so far, by what a verdict was before.
 
 A judge for each vehicle of a link, over one stream. A verdict is due every 3 s, and sooner where the last one took
-long, so that none is older than 5 s when the next is there, though that has a fault to explain. Between them a look at the newest 20 s, a fortieth of the
-work, calls for a verdict at once where the last seconds differ from those before. A verdict that took more than 1.6 s
-of the processor shortens the data of the next: the newest seconds come first. And the processor rests twice as long as
-it was busy, 1.25 times under an alarm.
+long, so that none is older than 5 s when the next is there, though that has a fault to explain. Between them a look at
+the newest 20 s, a fortieth of the work, calls for a verdict at once where the last seconds differ from those before. A
+verdict that took more than 1.6 s of the processor shortens the data of the next: the newest seconds come first. And the
+processor rests twice as long as it was busy, 1.25 times under an alarm.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ _SHARE = 2.0  # rest after a verdict, in times of the CPU time that it took
 _ALARM_SHARE = 1.25  # the same under an alarm, after a look has called for a verdict, or where it has changed
 _CALLED_S = 2.5  # CPU time between two regular verdicts that those which looks call for may take: five of 0.5 s
 _COSTS_S = 1.6  # CPU time of a verdict, beyond which the next judges less data in proportion
-_PAUSE_S = _AGE_S - _COSTS_S  # between the beginnings of two verdicts: also one with a fault to explain is in time
+PAUSE_S = _AGE_S - _COSTS_S  # between the beginnings of two verdicts: also one with a fault to explain is in time
 _LESS, _MORE = 0.8, 1.1  # factors of the data judged next: where the next verdict would be late, and where it would not
 _AT_ONCE = 1.4  # the largest such factor after data were cut: with too little the onset of a fault would be lost
 
@@ -271,7 +271,7 @@ class Pace:
         called = self._called > busy  # by a look
         changed = said == "consistent" and live_verdict.status != said
         rests = busy * (_ALARM_SHARE if live_verdict.is_alarm or called or changed else _SHARE)
-        self._due = now + (rests if changed else max(min(_PAUSE_S, _AGE_S - took), rests))
+        self._due = now + (rests if changed else max(min(PAUSE_S, _AGE_S - took), rests))
         in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
             judge.most_s = max(judge.most_s * _COSTS_S / busy, _LEAST_S)
