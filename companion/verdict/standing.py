@@ -31,7 +31,6 @@ from companion.estimation import (
     allowing,
     hypothesis_of,
     probabilities,
-    times_of_change,
 )
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.verdict.fault_interval import (
@@ -341,10 +340,10 @@ def _doubted(fault: StandingFault, sure: float, end: float) -> float:
 def _by_its_onset(best: BestEstimate, cause: Cause) -> float | None:
     """The probability that a sensor has a fault since then, by a piece that has more of what came after.
 
-    None where the onset does not lie so far within it that it shows there.
+    None where less came before the onset than a verdict needs: that it does not show there tells nothing.
     """
     unsure = num.SIGMAS * (cause.onset_sigma_s or 0.0)
-    if cause.onset_s - unsure <= times_of_change(best.t)[0]:
+    if cause.onset_s - unsure <= float(best.t[0]) + num.MIN_WINDOWS * num.JUDGED_S:
         return None
     near = [one for one in fault_intervals(best) if abs(one.start - cause.onset_s) <= check.NEAR_S + unsure]
     whose = "imu" if cause.side == "imu" else cause.sensor

@@ -107,16 +107,27 @@ def test_a_bias_that_is_a_scale_instead_is_not_over_where_a_piece_cannot_tell(*,
     assert kept.probability == pytest.approx(0.93 * explained, abs=0.01)
 
 
+def test_a_piece_that_begins_shortly_before_an_onset_does_not_end_an_alarm() -> None:
+    """As on a computer that is behind, which judges the newest seconds alone."""
+    creeps = alarm("gps_motion", "autopilot", 70.0, None, sensor="gps", size=1.5, sigma=0.1, onset_sigma_s=0.1)
+    standing: tuple[StandingFault, ...] = (StandingFault(creeps.findings[0], 1.0, 85.0, size=np.array([1.5, 0.0])),)
+    for end in (96.0, 98.0):
+        piece = cut(FLIGHT, 62.0, end)
+        own = assess(piece, GENERIC)
+        standing = carried_on(standing, piece, own.verdict, own.best)
+    assert standing[0].over_s is None
+
+
 def test_a_healthy_flight_has_no_fault_that_stands() -> None:
     assert {said.status for _, said in heard(FLIGHT, PIECES[:3])} == {"consistent"}
 
 
 def test_one_verdict_without_it_does_not_end_an_alarm_and_a_second_does() -> None:
     """Both share most of their data: what the first explains otherwise the next may find again."""
-    false = alarm("gyro_bias", "imu", 25.0, None, sensor="gyro", axis="z", size=0.01, sigma=1e-3, onset_sigma_s=0.2)
-    standing: tuple[StandingFault, ...] = (StandingFault(false.findings[0], 1.0, 28.0),)
+    false = alarm("gyro_bias", "imu", 30.0, None, sensor="gyro", axis="z", size=0.01, sigma=1e-3, onset_sigma_s=0.2)
+    standing: tuple[StandingFault, ...] = (StandingFault(false.findings[0], 1.0, 33.0),)
     said = []
-    for begin, end in ((10.0, 44.0), (12.0, 46.0)):
+    for begin, end in ((10.0, 49.0), (12.0, 51.0)):
         piece = cut(FLIGHT, begin, end)
         own = assess(piece, GENERIC)
         standing = carried_on(standing, piece, own.verdict, own.best)
