@@ -1,10 +1,11 @@
 """The verdicts while flights happen: now, by the last seconds, and so far, by what a verdict was before.
 
 A judge for each vehicle of a link, over one stream. A verdict is due every 3 s, and sooner where the last one took
-long, so that none is older than 5 s when the next is there, though that has a fault to explain. Between them a look at
-the newest 20 s, a fortieth of the work, calls for a verdict at once where the last seconds differ from those before. A
-verdict that took more than 1.6 s of the processor shortens the data of the next: the newest seconds come first. And the
-processor rests twice as long as it was busy, 1.25 times under an alarm.
+long, so that none is older than 5 s when the next is there, though that has a fault to explain. What cannot be told any
+more is judged again at once. Between them a look at the newest 20 s, a fortieth of the work, calls for a verdict at
+once where the last seconds differ from those before. A verdict that took more than 1.6 s of the processor shortens the
+data of the next: the newest seconds come first. And the processor rests twice as long as it was busy, 1.25 times under
+an alarm.
 """
 
 from __future__ import annotations
@@ -225,6 +226,7 @@ _ALARM_SHARE = 1.25  # the same under an alarm, after a look has called for a ve
 _CALLED_S = 2.5  # CPU time between two regular verdicts that those which looks call for may take: five of 0.5 s
 _COSTS_S = 1.6  # CPU time of a verdict, beyond which the next judges less data in proportion
 PAUSE_S = _AGE_S - _COSTS_S  # between the beginnings of two verdicts: also one with a fault to explain is in time
+_DECIDED_WITHIN = 3  # verdicts, what cannot be told at first: some seconds more of it decide
 _LESS, _MORE = 0.8, 1.1  # factors of the data judged next: where the next verdict would be late, and where it would not
 _AT_ONCE = 1.4  # the largest such factor after data were cut: with too little the onset of a fault would be lost
 
@@ -241,6 +243,7 @@ class Pace:
         self._due = self._look = 0.0  # s of the clock of `step`
         self._called = 0.0  # s that the processor was busy with those since the last in turn
         self._judged = self._looked = 0.0  # s UNIX, the newest data of then
+        self._soon = 0  # further verdicts that are wanted at once
 
     def at_once(self) -> None:
         """Judge at the next step: something else is to be judged."""
@@ -269,9 +272,11 @@ class Pace:
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
         called = self._called > busy  # by a look
-        changed = said == "consistent" and live_verdict.status != said
-        rests = busy * (_ALARM_SHARE if live_verdict.is_alarm or called or changed else _SHARE)
-        self._due = now + (rests if changed else max(min(PAUSE_S, _AGE_S - took), rests))
+        self._soon = max(self._soon - 1, 0)
+        if said == "consistent" and live_verdict.status != said:
+            self._soon = 1 if live_verdict.is_alarm else _DECIDED_WITHIN
+        rests = busy * (_ALARM_SHARE if live_verdict.is_alarm or called or self._soon else _SHARE)
+        self._due = now + (rests if self._soon else max(min(PAUSE_S, _AGE_S - took), rests))
         in_time = rests + took <= _AGE_S
         if busy > _COSTS_S:
             judge.most_s = max(judge.most_s * _COSTS_S / busy, _LEAST_S)

@@ -61,8 +61,15 @@ def test_a_verdict_that_has_changed_is_looked_into_at_once() -> None:
     judge.says = "insufficient_data"
     run(judge, pace, 2.0, 10.0)
     assert judge.judged[:2] == [1.0, 4.0]
-    assert judge.judged[2] < 4.2
-    assert judge.judged[3] >= judge.judged[2] + 2.9, "it is the same as before"
+    assert judge.judged[4] < 4.6
+    assert judge.judged[5] >= judge.judged[4] + 2.9, "it is the same as before"
+    judge.says = "consistent"
+    run(judge, pace, 10.0, 14.0)
+    judge.says = "imu_suspect"
+    run(judge, pace, 14.0, 20.0)
+    first, second, third = [t for t in judge.judged if t >= 14.0][:3]
+    assert second < first + 0.2
+    assert third >= second + 2.9, "who is suspect is known"
 
 
 def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
