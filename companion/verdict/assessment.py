@@ -222,7 +222,7 @@ def assess(
     agreed = partial(agreement, corrected, judged, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
     by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
-    by_side = {} if best is None else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
+    by_side = {} if best is None or not best.converged else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
     return Assessment(
         comparison=comparison,
         judged=judged,

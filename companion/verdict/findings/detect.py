@@ -197,7 +197,7 @@ def findings(
         clean, tilted = fitted.level(comparison.track), fitted.tilted
     if best is not None:  # it has judged where the autopilot went: a jump is one of the signs of it
         all_findings += findings_by_estimate(flight, best, limits, faults, tilted)
-        jumps = [_confirmed(jump, all_findings, best) for jump in jumps]
+        jumps = [_confirmed(jump, all_findings, best) for jump in jumps] if best.converged else jumps
     all_findings += jumps
     all_findings += constant_findings(constants, *ends_of(comparison.track.t))
     others = [*_of_other_imus(flight, comparison, faults), *turned]
