@@ -222,7 +222,9 @@ def assess(
     agreed = partial(agreement, corrected, judged, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
     by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
-    by_side = {} if best is None or not best.converged else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
+    by_side: dict[str, float] = {}
+    if best is not None and best.converged:
+        by_side = fault_probability(best, constant_fault_probability(constants), landed_at(parts))
     return Assessment(
         comparison=comparison,
         judged=judged,

@@ -176,7 +176,9 @@ def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEs
     if severity == "warning":
         return Doubt(_HARDLY_OFF, _ANOTHER)
     kind, slow = hypothesis_of(interval.kind), best.imu.rate_hz < harm.USELESS_RATE_HZ
-    if severity == "error" or interval.device != "imu" or kind.nuisance or not slow:
+    if kind.nuisance:
+        return _fault_in_place_of(interval)
+    if severity == "error" or interval.device != "imu" or not slow:
         return None
     if interval.magnitude - num.Z_95 * interval.sigma < harmful(kind, "step", interval.imu):
         return None
@@ -270,6 +272,18 @@ def _undecided(interval: FaultInterval) -> Doubt | None:
         return None
     two = f"{words(interval.kind)} from {name} ({percent(shares[own])} / {percent(shares[other])})"
     return Doubt(f"cannot tell {two}", _ANOTHER, "cause")
+
+
+def _fault_in_place_of(nuisance: FaultInterval) -> Doubt | None:
+    """What fault it may be in place of a nuisance, which is none, where that is not sure."""
+    shares = likelihoods(nuisance)
+    nobody = shares.pop("nobody")
+    if nobody >= priors.ACCUSED or not nuisance.rivals:
+        return None
+    whose = max(shares, key=lambda one: shares[one])
+    likeliest = next(one.kind for one in nuisance.rivals if hypothesis_of(one.kind).device == whose)
+    why = f"cannot tell that from {words(likeliest)} ({percent(nobody)} / {percent(shares[whose])})"
+    return Doubt(why, _ANOTHER, "cause")
 
 
 def _imu_or_aiding(kind: str) -> str:

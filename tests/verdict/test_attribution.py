@@ -772,3 +772,14 @@ def test_a_harmless_size_is_told_as_no_fault(best: BestEstimate) -> None:
     (finding,) = findings_of((weighed("gyro_bias", 0.05 * BIAS, ("gyro_bias", 1.0, 0.0)),), (), best)
     assert (finding.side, finding.severity, finding.undecided) == ("imu", "info", False)
     assert finding.evidence.endswith("(no fault: over 99.9 %)")
+
+
+@pytest.mark.parametrize(("odds", "undecided"), [(6.0, False), (2.0, True)])
+def test_a_moment_that_may_be_a_fault_instead_is_undecided(best: BestEstimate, odds: float, undecided: bool) -> None:
+    """A push that the accelerometer misses, and a GPS whose velocity steps, leave nearly the same readings."""
+    rivals = (Rival("accel_shock", "shock", odds, 0.0), Rival("gps_motion", "step", 1.8, 1.0))
+    sized = np.array([1.5, 0.0, 0.0]), np.full(3, 0.05)
+    pushed = replace(best, explained=(Explained("accel_shock", "shock", ONSET, 0.2, np.inf, *sized, rivals),))
+    (finding,) = findings_of(fault_intervals(pushed), (), pushed)
+    assert (finding.side, finding.undecided) == ("data" if undecided else "imu", undecided)
+    assert ("cannot tell that from GPS motion (58 % / 42 %)" in finding.evidence) is undecided
