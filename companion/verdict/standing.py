@@ -321,7 +321,8 @@ def _weighed(
     elif fault.before is not None and fault.size is not None:
         if (now := reads(cause, flight, best)) is None:
             return fault
-        sure = max(_stays(fault.size, fault.before, now, cause), by_onset or 0.0)  # another error of it, for one
+        stays = _stays(fault.size, fault.before, now, cause)
+        sure = _doubted(fault, max(stays, by_onset or 0.0), end)  # another error of it, for one
         if sure > priors.ACCUSED and cause.kind.endswith("_bias"):  # a bias may go on growing
             fault = replace(fault, size=now[0] - fault.before[0])
     elif cause.sensor in AIDING and cause.end_s is None:

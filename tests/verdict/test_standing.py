@@ -87,7 +87,7 @@ def test_a_scale_stays_though_a_piece_takes_it_for_a_bias(scale: float) -> None:
     own = assess(piece, GENERIC)
     (found,) = alarm("gyro_scale", "imu", BEGIN, None, sensor="gyro", axis="z", size=0.05, sigma=0.003).findings
     before = np.zeros(6), np.diag([1e-3] * 3 + [5e-3] * 3) ** 2
-    fault = StandingFault(found, 1.0, 55.0, before, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
+    fault = StandingFault(found, 0.9, 55.0, before, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
     (kept, *_) = carried_on([fault], piece, own.verdict, own.best)
     assert (kept.over_s is None) == (scale > 0.0)
 
@@ -101,7 +101,7 @@ def test_a_bias_that_is_a_scale_instead_is_not_over_where_a_piece_cannot_tell(*,
     scale = Explained("gyro_scale", "step", BEGIN, 0.2, np.inf, np.full(3, 0.05), np.full(3, 0.01), rivals)
     known = replace(best, explained=(scale,) * explained, explained_covariance=np.zeros((0, 0)), further=())
     (found,) = alarm("gyro_bias", "imu", BEGIN, None, sensor="gyro", axis="z", size=0.02, onset_sigma_s=0.2).findings
-    fault = StandingFault(found, 1.0, 58.0, (np.zeros(3), np.eye(3) * 1e-6), np.array([0.0, 0.0, 0.02]))
+    fault = StandingFault(found, 0.9, 58.0, (np.zeros(3), np.eye(3) * 1e-6), np.array([0.0, 0.0, 0.02]))
     (kept,) = carried_on([fault], piece, UNSURE, known)
     assert (kept.over_s is None) is explained
     assert kept.probability == pytest.approx(0.93 * explained, abs=0.01)
