@@ -19,6 +19,9 @@ BEFORE_S = 2.0  # messages of the vehicle about a finding: a glitch is reported
 AFTER_S = 15.0  # once the estimator has noticed
 MAX_QUOTED = 2
 
+# Evidence and the scan over hypotheses
+STRIKING_SCATTER = 2.0  # times the usual scatter: readings that are rougher are not calm
+
 # Aiding sensors and jumps
 AGREES_PERCENTILE = 95.0  # of what the autopilot is off an aiding sensor by: says how far the two agree
 REPEATS_BLOCK = 20  # readings;

@@ -106,6 +106,8 @@ def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) ->
         onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
         judged = (onset >= first) & (onset <= last)
         weight = np.diff(t) / (last - first)
+        if shape == "shock":
+            weight = weight * problem.missed[:, int(hypothesis.sensor == "accel")]
         if not judged.any():
             return None
         never = np.full(len(e), np.inf)

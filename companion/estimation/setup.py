@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.constants import healthy, num
+from companion.constants import check, healthy, num, priors
 from companion.estimation.aiding_sensors import FIXED, RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.differences import Differences, in_blocks, weighed
 from companion.estimation.earth_field import EarthField, field_at
@@ -66,6 +66,7 @@ class Setup:
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     relative_noise: Array  # (K-1, 2) gyro's and accelerometer's in each interval, in times its median in the flight
     others: tuple[Differences, ...]  # what the other IMUs read more
+    missed: Array  # (K-1, 2) how often gyro and accelerometer miss a motion in each interval, in times the usual rate
     bias_sigma: Array = field(default_factory=lambda: np.repeat(healthy.BIAS_SIGMA, 3))  # (6,) gyro, accelerometer
 
 
@@ -116,10 +117,27 @@ def set_up(
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
     others = weighed(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
+    missed = _missed(track, index, scattering)
     track = restored(track, np.diff(track.t) > longest)
     switched = np.diff(track.instance_at(t)) != 0
     return Setup(track, index, t, broken, switched, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 aliased, tuple(notes), _slow_places(readings), scattering, others)  # fmt: skip
+                 aliased, tuple(notes), _slow_places(readings), scattering, others, missed)  # fmt: skip
+
+
+def _missed(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
+    """(K-1, 2) how often each sensor misses a motion between samples (K,), in times the rate.
+
+    Where it stands at the largest or smallest that it reads in the flight, as at the end of a range, or is shaken:
+    seldom where it does neither.
+    """
+    out = np.empty_like(scattering)
+    for column, readings in enumerate((track.gyro, track.accel)):
+        at_end = (readings == readings.max(axis=0)) | (readings == readings.min(axis=0))
+        stands = (at_end[1:] & at_end[:-1]).any(axis=1)
+        striking = np.logical_or.reduceat(np.append(stands, False), index[:-1])
+        striking |= scattering[:, column] >= check.STRIKING_SCATTER
+        out[:, column] = np.where(striking, 1.0, priors.MISSED_CALMLY)
+    return out
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.constants import num
-from companion.constants.priors import ACCUSED
+from companion.constants.priors import ACCUSED, MISSED_CALMLY
 from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hypothesis_of, probabilities, smooth
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
@@ -313,3 +313,14 @@ def test_what_is_scored_together_is_each_alone(
         one = slice(i, i + 1)
         alone = score(problem, kind, shape, onset[one], end[one] if ends else None)
         assert_same((found[0][one], found[1][one]), alone)
+
+
+def test_a_sensor_is_likelier_to_miss_a_motion_at_the_end_of_its_range() -> None:
+    flight, _ = sensed(60.0, rate=50.0)
+    imu = flight.imu()
+    held = np.minimum(imu.accel, np.quantile(imu.accel, 0.98, axis=0))
+    flights = flight, with_imu(flight, replace(imu, accel=held))
+    calm, clipped = (set_up(one, None, STANDARD_GRAVITY, None).missed for one in flights)
+    assert (calm == MISSED_CALMLY).mean() > 0.9
+    assert 0.02 < (clipped[:, 1] == 1.0).mean() < 0.6
+    np.testing.assert_array_equal(clipped[:, 0], calm[:, 0])

@@ -88,6 +88,9 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
     off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
     if jump.severity != "error" or are_near(off, jump.start_s):
         return jump
+    misleads = (f for f in others if jump.kind in _MISLEADS.get(f.kind, ()) and f.start_s <= jump.start_s <= f.end_s)
+    if not best.converged and any(misleads):  # it answers for nothing, and what misled the autopilot is known
+        return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
     if size is not None and size >= hypothesis_of("gps_position").min_reported and "gps_position" not in best.residuals:
         words = (
@@ -197,7 +200,7 @@ def findings(
         clean, tilted = fitted.level(comparison.track), fitted.tilted
     if best is not None:  # it has judged where the autopilot went: a jump is one of the signs of it
         all_findings += findings_by_estimate(flight, best, limits, faults, tilted)
-        jumps = [_confirmed(jump, all_findings, best) for jump in jumps] if best.converged else jumps
+        jumps = [_confirmed(jump, all_findings, best) for jump in jumps]
     all_findings += jumps
     all_findings += constant_findings(constants, *ends_of(comparison.track.t))
     others = [*_of_other_imus(flight, comparison, faults), *turned]
