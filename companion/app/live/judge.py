@@ -219,7 +219,7 @@ def _clock(t: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(t))
 
 
-_LOOKS_S = 0.4  # between two looks: data are handed over twice as often
+_LOOKS_S = 0.6  # between two looks
 _AGE_S = 4.6  # from the beginning of a verdict to the end of the next, so that it is shown before the last is 5 s old
 _SHARE = 2.0  # rest after a verdict, in times of the CPU time that it took
 _ALARM_SHARE = 1.25  # the same under an alarm, after a look has called for a verdict, or where it has changed

@@ -41,7 +41,7 @@ def test_it_is_judged_in_turn_and_looked_at_between() -> None:
     pace = Pace(cast("Judge", judge))
     run(judge, pace, 1.0, 15.0)
     assert judge.judged == [1.0, 4.0, 7.0, 10.0, 13.0]
-    assert 4 <= sum(4.0 < t < 6.01 for t in judge.looks) <= 6, "more than twice a second"
+    assert 3 <= sum(4.0 < t < 6.01 for t in judge.looks) <= 4, "more than once a second"
 
 
 def test_what_has_just_begun_is_judged_at_once() -> None:
