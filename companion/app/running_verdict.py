@@ -49,8 +49,8 @@ _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: a
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
 _BEGINS_S = 30.0  # since arming or take-off: what a verdict rests on is only gathered then
-# of one piece: more causes are seldom faults, and so many passes take some two seconds with what they are used for
-_EFFORT = Effort(keyframes=120, most_causes=2, most_passes=80)
+# of one piece: more causes are seldom faults, and so many take some two seconds with what they are used for
+_EFFORT = Effort(keyframes=120, most_causes=2, most_linearisations=80)
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"

@@ -4,9 +4,7 @@ from math import log
 
 # Evidence and the scan over hypotheses
 NUISANCES_PER_H = 10.0  # of each hypothesis: what healthy parts show, every few minutes
-MISSED_CALMLY = (
-    0.1  # times as often a sensor misses a motion where its readings are calm: no push in 4.6 h of 110 flights
-)
+CALM_SHOCK_RATE = 0.1  # of shocks where readings are calm, in times that elsewhere: no missed push in 4.6 h of flight
 RAMP_S = 20.0  # what grows takes at least so long to reach its size, as by heat or spoofing: what is sooner is a step
 CANDIDATE = -3.0  # log odds of a fault against nothing, from which on an estimate with it is worth its time
 LIKELY_NUISANCE = 7.0  # log odds from which on a nuisance is one too

@@ -145,7 +145,7 @@ class Start:
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
     gain: float = 0.0  # by how much a further step would have lessened the misfit, where an iteration has ended here
     complete: bool = False  # whether noise and states had settled there, before the passes were used up
-    passes: int = 0  # times that the problem was made linear since it began
+    linearisations: int = 0  # since it began
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -292,7 +292,7 @@ class Adaptation:
     settled: Start
     linear: Problem
     rivals: tuple[Rival, ...] = ()
-    passes: int = 0  # of all estimates that it was chosen among
+    linearisations: int = 0  # of all estimates that it was chosen among
 
 
 def estimate_with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:

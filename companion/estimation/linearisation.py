@@ -111,7 +111,7 @@ def linearise(
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(setup.t, states, setup.gravity, motion, tuple(measurements), _prior(setup, states, slow), noise,
-                      turned, sums, variance, setup.aliased, setup.others, setup.missed)  # fmt: skip
+                      turned, sums, variance, setup.aliased, setup.others, setup.shock_rate)  # fmt: skip
     for candidate in accepted:
         problem = with_candidate(problem, candidate)
     _predict(setup, pim, states, problem.motion, shift, sizes)

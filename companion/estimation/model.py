@@ -264,7 +264,7 @@ class BestEstimate:
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which aiding sensor gives the heading
     notes: tuple[str, ...] = ()
     converged: bool = True  # whether the iteration has ended where the misfit is least: else its σ say little
-    passes: int = 0  # times that a problem was made linear on the way
+    linearisations: int = 0  # that it took
 
     def __repr__(self) -> str:
         """In a line: what it was made of and what it had to explain."""

@@ -107,7 +107,7 @@ def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) ->
         judged = (onset >= first) & (onset <= last)
         weight = np.diff(t) / (last - first)
         if shape == "shock":
-            weight = weight * problem.missed[:, int(hypothesis.sensor == "accel")]
+            weight = weight * problem.shock_rate[:, int(hypothesis.sensor == "accel")]
         if not judged.any():
             return None
         never = np.full(len(e), np.inf)

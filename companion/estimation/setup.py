@@ -66,7 +66,7 @@ class Setup:
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     relative_noise: Array  # (K-1, 2) gyro's and accelerometer's in each interval, in times its median in the flight
     others: tuple[Differences, ...]  # what the other IMUs read more
-    missed: Array  # (K-1, 2) how often gyro and accelerometer miss a motion in each interval, in times the usual rate
+    shock_rate: Array  # (K-1, 2) of gyro and accelerometer in each interval, in times that of the hypothesis
     bias_sigma: Array = field(default_factory=lambda: np.repeat(healthy.BIAS_SIGMA, 3))  # (6,) gyro, accelerometer
 
 
@@ -117,14 +117,14 @@ def set_up(
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
     others = weighed(in_blocks(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted))
-    missed = _missed(track, index, scattering)
+    shock_rate = _shock_rate(track, index, scattering)
     track = restored(track, np.diff(track.t) > longest)
     switched = np.diff(track.instance_at(t)) != 0
     return Setup(track, index, t, broken, switched, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 aliased, tuple(notes), _slow_places(readings), scattering, others, missed)  # fmt: skip
+                 aliased, tuple(notes), _slow_places(readings), scattering, others, shock_rate)  # fmt: skip
 
 
-def _missed(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
+def _shock_rate(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
     """(K-1, 2) how often each sensor misses a motion between samples (K,), in times the rate.
 
     Where it stands at the largest or smallest that it reads in the flight, as at the end of a range, or is shaken:
@@ -136,7 +136,7 @@ def _missed(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
         stands = (at_end[1:] & at_end[:-1]).any(axis=1)
         striking = np.logical_or.reduceat(np.append(stands, False), index[:-1])
         striking |= scattering[:, column] >= check.STRIKING_SCATTER
-        out[:, column] = np.where(striking, 1.0, priors.MISSED_CALMLY)
+        out[:, column] = np.where(striking, 1.0, priors.CALM_SHOCK_RATE)
     return out
 
 

@@ -43,7 +43,7 @@ class Effort:
 
     keyframes: int = num.KEYFRAMES  # about so many, in proportion to which all of it takes time
     most_causes: int = num.MAX_EXPLAINED  # that are explained: each takes as long as the estimate itself
-    most_passes: float = np.inf  # of the estimate, after which no further cause is sought
+    most_linearisations: float = np.inf  # after which no further cause is sought
 
 
 def smooth(
@@ -102,30 +102,33 @@ def explain(
     accepted: list[Candidate] = []
     rivals: list[tuple[Rival, ...]] = []
     start, settled, linear = _begun(setup, starts)
-    spent = settled.passes
+    spent = settled.linearisations
     if (sigma := _bias_sigma(settled.states)) is not None:
         setup = replace(setup, bias_sigma=sigma)
         settled, linear = estimate(setup, replace(settled, near=True))
-        spent += settled.passes
+        spent += settled.linearisations
     further: tuple[Rival, ...] = ()
-    while len(accepted) < effort.most_causes and spent < effort.most_passes:
-        adaptation = next_adaptation(setup, start, settled, linear, accepted, effort.most_passes - spent)
+    while len(accepted) < effort.most_causes:
+        if spent >= effort.most_linearisations:  # what has not been tried is likely or not all the same
+            further = _by_fault(Candidate.of_trial(one).rival for one in trials(linear))
+            break
+        adaptation = next_adaptation(setup, start, settled, linear, accepted, effort.most_linearisations - spent)
         if isinstance(adaptation, Adaptation):
             accepted.append(adaptation.candidate)
             rivals.append(adaptation.rivals)
             setup, settled, linear = adaptation.setup, adaptation.settled, adaptation.linear
-            spent += adaptation.passes
+            spent += adaptation.linearisations
         else:
             further = adaptation
             break
     moves = not settled.complete and settled.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
-    if moves and any(one.imu is None for one in accepted) and spent < effort.most_passes:
+    if moves and any(one.imu is None for one in accepted) and spent < effort.most_linearisations:
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
     matrix = confusion_matrix(linear) if confusion else None
     best = best_estimate(setup, settled, linear, accepted, rivals)
-    return replace(best, further=further, confusion=matrix, passes=spent)
+    return replace(best, further=further, confusion=matrix, linearisations=spent)
 
 
 def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem]:
@@ -162,47 +165,56 @@ def next_adaptation(
     settled: Start,
     linear: Problem,
     accepted: Sequence[Candidate],
-    most_passes: float = np.inf,
+    most: float = np.inf,
 ) -> Adaptation | tuple[Rival, ...]:
     """The likeliest further cause with its rivals; the likeliest faults first where none is likelier than not.
 
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
     It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew.
-    most_passes: after which no other candidate is tried.
+    most: linearisations, after which no other candidate is tried.
     """
     anew = settled.noise.contradicts(scatter(setup))
     begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
     usual = trials(linear)
     candidates = _candidates(usual)
     in_order = not any(one.hypothesis.device == "imu" for one in accepted)
-    passes = 0
+    spent = 0
     for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
         quieter, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
-        passes += quieter.passes
+        spent += quieter.linearisations
         candidates |= _candidates(trials(believed))
-    tried, weighed, failed = _tried(setup, begin, accepted, candidates.values(), most_passes - passes)
+    tried, weighed, failed = _tried(setup, begin, accepted, candidates.values(), most - spent)
     weighed = weighed or [Candidate.of_trial(one) for one in usual]
-    passes += sum(one.settled.passes for one in tried)
+    spent += sum(one.settled.linearisations for one in tried)
     rivals = tuple(one.rival for one in weighed)
     impossible = set[str]()
     for best in (one for one in weighed if one.hypothesis.name not in impossible):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
         if best.imu is not None:  # nothing of the estimate changes
-            return Adaptation(best, setup, settled, beside(linear, best), rivals, passes)
+            return Adaptation(best, setup, settled, beside(linear, best), rivals, spent)
         own = next((one for one in tried if one.candidate.name == best.name), None)
         if own is None and _when(best) not in failed:
             own = estimate_with(setup, begin, accepted, best)
         if own is not None:
             candidate = replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
-            return replace(own, rivals=rivals, candidate=candidate, passes=passes)
+            return replace(own, rivals=rivals, candidate=candidate, linearisations=spent)
         impossible.add(best.hypothesis.name)
+    return _by_fault(rivals)
+
+
+def _by_fault(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    """The likeliest fault first."""
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
 def _tried(
-    setup: Setup, begin: Start, accepted: Sequence[Candidate], candidates: Iterable[Candidate], most_passes: float
+    setup: Setup,
+    begin: Start,
+    accepted: Sequence[Candidate],
+    candidates: Iterable[Candidate],
+    most: float,
 ) -> tuple[list[Adaptation], list[Candidate], set[_When]]:
     """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
 
@@ -212,7 +224,7 @@ def _tried(
     """
     tried, weighed, failed = list[Adaptation](), list[Candidate](), set[_When]()
     left = sorted(candidates, key=lambda one: one.log_odds)
-    while left and sum(one.settled.passes for one in tried) < most_passes:
+    while left and sum(one.settled.linearisations for one in tried) < most:
         candidate = left.pop()
         if (one := estimate_with(setup, begin, accepted, candidate)) is None:
             failed.add(_when(candidate))

@@ -81,7 +81,7 @@ class Problem:
     variance: Array  # (K-1, 15) of the process noise in the frame of the sums
     aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
     others: tuple[Differences, ...]  # what the other IMUs read more
-    missed: Array  # (K-1, 2) see `Setup`
+    shock_rate: Array  # (K-1, 2) see `Setup`
     rougher: Mapping[str, float] = field(default_factory=dict)  # see `smoother.local_noise`
 
     @cached_property

@@ -216,7 +216,7 @@ def _lasting(
         before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
         stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
         here = slice(first, last + 1)
-        weighed = _loudest(t[here], evidence[here], check.SUDDEN_S if stepped else healthy.DEVIATION_S[name])
+        weighed = _strongest_part(t[here], evidence[here], check.SUDDEN_S if stepped else healthy.DEVIATION_S[name])
         if weighed is None:
             continue
         peak = first + int(np.argmax(value[here]))
@@ -225,11 +225,11 @@ def _lasting(
         yield EstimatorDeviation(name, float(t[first]), float(t[last]), *size, *weighed, in_all, confirmed)
 
 
-def _loudest(t: Array, evidence: Array, least: float) -> tuple[float, float] | None:
+def _strongest_part(t: Array, evidence: Array, least: float) -> tuple[float, float] | None:
     """The evidence (K,) that no keyframe (K,) of some part falls below, and how long that part lasts, s.
 
-    Of all parts of least s, twice that and so on the one that says most, as chance may do it in fewer places the longer
-    it lasts. None where nothing lasts for so long.
+    Of all parts of least s, twice that and so on the one with the strongest evidence: what lasts longer, chance may do
+    in fewer places. None where nothing lasts for so long.
     """
     padded, parts, lasts = np.append(evidence, np.inf), list[tuple[float, float]](), least
     while lasts <= t[-1] - t[0]:

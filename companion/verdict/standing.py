@@ -322,7 +322,7 @@ def _weighed(
         if (now := reads(cause, flight, best)) is None:
             return fault
         stays = _stays(fault.size, fault.before, now, cause)
-        sure = _doubted(fault, max(stays, by_onset or 0.0), end)  # another error of it, for one
+        sure = _doubted(fault, max(stays, by_onset or 0.0), end)  # by its onset also where it is another error of it
         if sure > priors.ACCUSED and cause.kind.endswith("_bias"):  # a bias may go on growing
             fault = replace(fault, size=now[0] - fault.before[0])
     elif cause.sensor in AIDING and cause.end_s is None:

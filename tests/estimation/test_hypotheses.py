@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.constants import num
-from companion.constants.priors import ACCUSED, MISSED_CALMLY
+from companion.constants.priors import ACCUSED, CALM_SHOCK_RATE
 from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hypothesis_of, probabilities, smooth
 from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
@@ -320,7 +320,16 @@ def test_a_sensor_is_likelier_to_miss_a_motion_at_the_end_of_its_range() -> None
     imu = flight.imu()
     held = np.minimum(imu.accel, np.quantile(imu.accel, 0.98, axis=0))
     flights = flight, with_imu(flight, replace(imu, accel=held))
-    calm, clipped = (set_up(one, None, STANDARD_GRAVITY, None).missed for one in flights)
-    assert (calm == MISSED_CALMLY).mean() > 0.9
+    calm, clipped = (set_up(one, None, STANDARD_GRAVITY, None).shock_rate for one in flights)
+    assert (calm == CALM_SHOCK_RATE).mean() > 0.9
     assert 0.02 < (clipped[:, 1] == 1.0).mean() < 0.6
     np.testing.assert_array_equal(clipped[:, 0], calm[:, 0])
+
+
+def test_what_is_not_tried_any_more_is_not_held_for_nothing() -> None:
+    """Where the work that an estimate may take is done, a fault that it has not explained has its odds all the same."""
+    best = smooth(gyro_step(sensed(60.0, rate=50.0)[0]), effort=Effort(most_linearisations=1))
+    assert best.explained == ()
+    assert best.linearisations > 1
+    assert best.further[0].kind == "gyro_bias"
+    assert probabilities(best.further)["nobody"] < 0.5
