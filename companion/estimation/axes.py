@@ -157,7 +157,7 @@ class _Tried:
 
 def _gone_on(setup: Setup, start: Start, passes: int = num.SMOOTHER_PASSES) -> _Tried:
     with boundary(setup.imu.source):
-        settled, linear = estimate(setup, start, polished=False, passes=passes)
+        settled, linear = estimate(setup, start, polish=np.inf, passes=passes)
     return _Tried(setup, settled, likelihood(settled, linear))
 
 

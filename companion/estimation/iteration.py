@@ -161,14 +161,15 @@ def estimate(
     limits: Mapping[str, tuple[float, float]] | None = None,
     *,
     white: bool = False,
-    polished: bool = True,
+    polish: float = num.CONVERGED_MISFIT,
     passes: int = num.SMOOTHER_PASSES,
 ) -> tuple[Start, Problem]:
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
-    noise, however long it lasts: as it is not where something unexplained is in it. polished: whether the states follow
-    the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
+    noise, however long it lasts: as it is not where something unexplained is in it. polish: the states follow the noise
+    as it is learned at last, until no more than this is to gain; infinite where the noise alone is asked for. passes:
+    at most so many, before these.
     """
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
@@ -207,11 +208,11 @@ def estimate(
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
     wide, roughly = noise if white else noise.louder(**coloured(linear)), 1.0
-    for _ in range(num.FINAL_PASSES if polished else 0):
+    for _ in range(num.FINAL_PASSES if np.isfinite(polish) else 0):
         del linear
         point, linear, _ = moved(step)
         step = Step.of(linear, point.sizes)
-        if step.gain < num.CONVERGED_MISFIT:
+        if step.gain < polish:
             break
     return Start(step.at(1.0).states, noise, scale, slow, path, False, step.gain, complete, next(made)), linear
 
@@ -310,7 +311,8 @@ def estimate_with(setup: Setup, start: Start, accepted: Sequence[Candidate], can
 
 
 def _with(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation:
-    return Adaptation(candidate, setup, *estimate(setup, start, [*accepted, candidate], passes=num.TRIAL_PASSES))
+    settled = estimate(setup, start, [*accepted, candidate], polish=num.LEARNING_MISFIT, passes=num.TRIAL_PASSES)
+    return Adaptation(candidate, setup, *settled)
 
 
 def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Adaptation | None:

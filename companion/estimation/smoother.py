@@ -181,7 +181,9 @@ def next_adaptation(
     in_order = not any(one.hypothesis.device == "imu" for one in accepted)
     spent = 0
     for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
-        quieter, believed = estimate(setup, begin, accepted, limits, white=True, passes=num.TRIAL_PASSES)
+        quieter, believed = estimate(
+            setup, begin, accepted, limits, white=True, polish=num.LEARNING_MISFIT, passes=num.TRIAL_PASSES
+        )
         spent += quieter.linearisations
         candidates |= _candidates(trials(believed))
     tried, weighed, failed = _tried(setup, begin, accepted, candidates.values(), most - spent)
