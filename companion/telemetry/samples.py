@@ -19,6 +19,7 @@ from companion.model import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
+    BoolArray,
     ImuTrack,
     Origin,
     PositionTrack,
@@ -28,7 +29,6 @@ from companion.model import (
     ned_from_geodetic,
 )
 
-BoolArray = npt.NDArray[np.bool_]
 Ranges = tuple[float | None, float | None]
 """Of a gyro, rad/s, and an accelerometer, m/s²; None where it is not known."""
 
@@ -50,6 +50,11 @@ def finite_rows(*columns: Array) -> BoolArray:
         if not np.isfinite(one).all():  # row by row takes ten times as long
             good &= np.isfinite(one).all(axis=1)
     return good
+
+
+def not_zero(gyro: Array, accel: Array) -> BoolArray:
+    """Which samples of an IMU, (N, 3) each, are not zero throughout: a driver that has no reading gives zeros."""
+    return np.asarray(gyro.any(axis=1) | accel.any(axis=1))
 
 
 def readable(gyro: Array, accel: Array, ranges: Ranges = (None, None)) -> BoolArray:
