@@ -268,9 +268,8 @@ def _parameters(
     boot: Boot, known: Mapping[str, float], notes: list[str]
 ) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
-    if "PARAM_VALUE" not in boot.messages:
+    if (sent := boot.messages.get("PARAM_VALUE")) is None:
         return dict(known), dict(known), ()
-    sent = boot.messages["PARAM_VALUE"]
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
     names = sent["param_id"].tolist()
     last, first = values_of(names, values), values_of(names, values, first=True)

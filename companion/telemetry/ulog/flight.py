@@ -72,9 +72,9 @@ def _imu_instances(topics: Topics) -> dict[int, int]:
 def _imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
     """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
     for name in ("sensor_selection", _SELECTOR):
-        if name not in topics:
+        if (topic := topics.get(name)) is None:
             continue
-        t, devices = topics[name].seconds(), topics[name].ids("gyro_device_id")
+        t, devices = topic.seconds(), topic.ids("gyro_device_id")
         instance = np.array([by_device.get(device, -1) for device in devices.tolist()], np.int64)
         if (used := in_use(name, t, instance, instance >= 0)) is not None:
             return used
@@ -203,9 +203,8 @@ def _estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
 
 def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
     """By vehicle_attitude's quat_reset_counter; delta_q_reset is the turn in NED."""
-    if "vehicle_attitude" not in topics:
+    if (topic := topics.get("vehicle_attitude")) is None:
         return
-    topic = topics["vehicle_attitude"]
     turn = topic.array("delta_q_reset", range(4))
     for t, i, times in _counted(topic, "quat_reset_counter"):
         w, *axis = np.nan_to_num(turn[i])
@@ -352,9 +351,8 @@ def _span(times: Iterable[Array], begun: float) -> tuple[float, float]:
 
 def _events(topics: Topics) -> tuple[Event, ...]:
     """Arming, modes and failsafes of vehicle_status."""
-    if "vehicle_status" not in topics:
+    if (topic := topics.get("vehicle_status")) is None:
         return ()
-    topic = topics["vehicle_status"]
     t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic["failsafe"] if "failsafe" in topic else np.zeros(len(t)), np.bool_)
