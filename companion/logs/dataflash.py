@@ -362,10 +362,7 @@ def read_dataflash(
     del starts, groups
     _fill(mapped, messages)
     return DataflashLog(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=len(mapped.data),
-        trouble=contents.trouble,
+        **contents.facts,
         frames=count,
         skipped_bytes=skipped,
         undecoded=MappingProxyType(left_out),

@@ -344,10 +344,7 @@ def read_ulog(
     said = scan.other_messages  # what is said twice holds as it was said last
     set_values = [(t, m.name, m.value) for t, m in said if isinstance(m, Parameter)]
     return Ulog(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=size,
-        trouble=contents.trouble,
+        **contents.facts,
         begun=begun,
         frames=scan.messages,
         skipped_bytes=scan.skipped_bytes,
