@@ -220,8 +220,8 @@ def _batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSe
         if kind < len(_KINDS) and len(rows):
             name, sensor, unit = _KINDS[kind]
             t, values = _samples(heads.select(head[rows]), data.select(rows))
-            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
-            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
+            columns = {f"{axis}_{unit}": (values[:, i], 1.0) for i, axis in enumerate(_AXES)}
+            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, instance)
 
 
 def _samples(heads: Records, data: Records) -> tuple[Array, Array]:
