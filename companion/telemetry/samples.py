@@ -19,6 +19,7 @@ from companion.model import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
+    BiasTrack,
     BoolArray,
     ImuTrack,
     Origin,
@@ -236,6 +237,15 @@ def imu_track(
     own = None if interval is None else interval[keep]
     known = ranges or (None, None)
     return ImuTrack(t[keep], gyro[keep], accel[keep], source, interval=own, gyro_range=known[0], accel_range=known[1])
+
+
+def bias_track(
+    source: str, t: Array, columns: tuple[Array, ...], good: BoolArray, core: int, imu_instance: int | None
+) -> BiasTrack:
+    """The good estimates at times t (N,) s. columns: of gyro and accelerometer, and 1σ of both, (N, 3) each."""
+    keep = increasing(t, good)
+    gyro, accel, gyro_sigma, accel_sigma = (one[keep] for one in columns)
+    return BiasTrack(t[keep], gyro, accel, gyro_sigma, accel_sigma, source, core, imu_instance)
 
 
 def in_use(source: str, t: Array, instance: npt.NDArray[np.int64], good: BoolArray | bool = True) -> SensorInUse | None:
