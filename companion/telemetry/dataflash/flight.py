@@ -67,10 +67,8 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
     """SITL's own state: SIM, with the velocity of SIM2 where that is logged; position about the estimator's origin."""
     if (one := records.get("SIM")) is None:
         return None
-    if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
-        q = one.columns("Q1", "Q2", "Q3", "Q4")
-    else:
-        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
+    has_q = one.layout.has_numbers(*pose.QUATERNION)
+    q = one.columns(*pose.QUATERNION) if has_q else pose.angles(one)
     velocity = np.full((len(one), 3), np.nan)
     if (fine := records.get("SIM2")) is not None:
         for i, name in enumerate(("VN", "VE", "VD")):
