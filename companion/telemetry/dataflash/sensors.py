@@ -85,12 +85,12 @@ def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list
     if not timed:
         return {}, notes
     clock = max(timed.values(), key=len)
-    bare = {
+    timed |= {
         name: replace(one, sender_s=np.interp(one.offset, clock.offset, clock.t))
         for name, one in records.items()
         if not one.layout.clock and one.rows.dtype.names
     }
-    return {name: (timed | bare)[name] for name in records if name in timed or name in bare}, notes
+    return {name: timed[name] for name in records if name in timed}, notes
 
 
 def _by_gps(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
