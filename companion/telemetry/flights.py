@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import Dialect, Messages
+from companion.mavlink import Dialect, Messages, as_bytes
 from companion.model import (
     IMU_MESSAGES,
     Array,
@@ -80,7 +80,7 @@ def _copies(messages: Messages, own: Array) -> int:
         return 0
     order = np.argsort(own, kind="stable")
     again = np.flatnonzero(np.diff(own[order]) == 0)
-    rows = np.ascontiguousarray(messages.rows).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
+    rows = as_bytes(np.ascontiguousarray(messages.rows))
     return int((rows[order[again]] == rows[order[again + 1]]).sum())
 
 

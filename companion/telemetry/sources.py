@@ -236,7 +236,7 @@ def _each(pattern: str, places: Iterable[int | str] = range(3)) -> str:
 _TESLA, _MPS2, _RADPS = _each("{}_tesla", "xyz"), _each("{}_mps2", "xyz"), _each("{}_radps", "xyz")
 _ANGLES, _NED_MPS, _NED_M = "roll_rad pitch_rad yaw_rad", "vn_mps ve_mps vd_mps", "north_m east_m down_m"
 _RATIOS = "velocity_ratio position_ratio height_ratio compass_ratio airspeed_ratio flags"
-_SIGMAS = "horizontal_sigma_m vertical_sigma_m speed_sigma_mps"
+_SIGMAS = " ".join(SIGMAS)
 _PLACE, _LEAN, _SPEED = "north_m2 east_m2 down_m2", "roll_rad2 pitch_rad2 yaw_rad2", "vn_m2ps2 ve_m2ps2 vd_m2ps2"
 _IMUS = (_each(of, range(4)) for of in ("gyro_{}_radps", "accel_{}_mps2", "gyro_{}_healthy", "accel_{}_healthy"))
 
