@@ -107,9 +107,7 @@ def position(ekf: Ekf, core: int, notes: list[str]) -> PositionTrack | None:
         notes.append(
             f"AHRS_EKF_TYPE: the vehicle flew by {NOT_EKF[kind]}: {one.name}'s EKF, which is judged, only ran along"
         )
-    ned, velocity = (
-        np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
-    )
+    ned, velocity = (np.column_stack([one.in_unit(n) for n in names]) for names in (_STATES[:3], _STATES[3:]))
     good = _has_position(one.t, ekf.of_cores("F4").get(core))
     track = position_track(one.name, one.t, ned, velocity, good, notes)
     return None if track is None else replace(track, source=f"{ekf.prefix}F1")
