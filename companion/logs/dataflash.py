@@ -141,11 +141,10 @@ def _record_layouts(
     data: Bytes, formats: Mapping[int, Declaration], starts: Index, types: Bytes
 ) -> tuple[dict[int, RecordLayout], dict[int, str]]:
     """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
-    plain = {number: record_layout(declared, NO_UNITS) for number, declared in formats.items()}
-    by_name = {declared.name: number for number, declared in formats.items()}
+    by_name = {declared.name: declared for declared in formats.values()}
 
     def rows(name: str) -> npt.NDArray[np.void]:
-        layout = plain.get(by_name.get(name, -1))
+        layout = record_layout(by_name[name], NO_UNITS) if name in by_name else None
         return NO_ROWS if layout is None else _gather_rows(data, starts[types == layout.type], layout.dtype)
 
     units = defined_units(rows)
@@ -363,10 +362,7 @@ def read_dataflash(
     del starts, groups
     _fill(mapped, messages)
     return DataflashLog(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=len(mapped.data),
-        trouble=contents.trouble,
+        **contents.facts,
         frames=count,
         skipped_bytes=skipped,
         undecoded=MappingProxyType(left_out),

@@ -77,10 +77,7 @@ def read_dataflash_text(
         if len(records):
             messages[name] = records
     return DataflashLog(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=len(data),
-        trouble=contents.trouble,
+        **contents.facts,
         frames=count,
         skipped_bytes=skipped,
         undecoded=MappingProxyType(undecoded),

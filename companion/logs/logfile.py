@@ -81,6 +81,11 @@ class Contents:
         self.content_bytes = 0  # bytes of content that have come out
         self.trouble = ""  # why the rest of it could not be decompressed
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The fields of a `LogFile` that it knows, when all of it has been read."""
+        return {name: getattr(self, name) for name in ("path", "size_bytes", "content_bytes", "trouble")}
+
     def chunks(self, size: int = CHUNK_BYTES) -> Iterator[bytes]:
         """The content in chunks of about `size` bytes.
 
@@ -163,6 +168,7 @@ class Mapped:
             with open_file(contents.path) as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.data: Bytes = np.frombuffer(contents.read() if self._map is None else self._map, np.uint8)
+        contents.content_bytes = len(self.data)
 
     def looked_through(self, begin: int, end: int) -> None:
         """Those bytes were read for the first time."""

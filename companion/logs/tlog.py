@@ -70,10 +70,7 @@ def read_tlog(
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
     return Log(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=contents.content_bytes,
-        trouble=contents.trouble,
+        **contents.facts,
         frames=count,
         bad_crc_frames=damage.bad_crc_frames,
         skipped_bytes=damage.skipped_bytes,

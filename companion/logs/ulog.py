@@ -22,8 +22,7 @@ import numpy.typing as npt
 from companion.logs.logfile import MOST_BYTES, Contents, LogFile, Mapped, log_format, read_head
 from companion.logs.ulog_messages import (
     DATA,
-    FIRST_BYTES,
-    SIZES,
+    MESSAGE_TYPES,
     Dropout,
     Flags,
     Format,
@@ -47,11 +46,10 @@ _FIRST_STEP, _MOST_STEP = 1 << 8, 1 << 18  # of the search for where the message
 _DATA_HEADER = np.dtype([("size", "<u2"), ("type", "u1"), ("number", "<u2")])
 _FORMAT, _SEMICOLON = ord("F"), ord(";")
 _LEAST, _MOST = np.full(256, 65_535, np.int64), np.zeros(256, np.int64)
-for _type, (_least, _most) in SIZES.items():
-    _LEAST[_type], _MOST[_type] = _least, _most
 _FIRST = np.ones((256, 256), np.bool_)  # type, first byte of the body → whether that can be
-for _type, _bytes in FIRST_BYTES.items():
-    _FIRST[_type] = np.isin(np.arange(256), list(_bytes))
+for _type, _can in MESSAGE_TYPES.items():
+    _LEAST[_type], _MOST[_type] = _can.least, _can.most
+    _FIRST[_type] = np.isin(np.arange(256), list(_can.first))
 
 
 _DEFINING = (Format, Subscription, Unsubscription)  # tuples: of a union isinstance() takes three times as long
@@ -278,7 +276,9 @@ class _Scan:
 
     def _is_cut(self, at: int, end: int) -> bool:
         """Whether the header of a message at `at` says that it goes on behind the end, or is itself not all there."""
-        return at + 3 > end or (self._view[at + 2] in SIZES and at + 3 + _HEADER.unpack_from(self._view, at)[0] > end)
+        return at + 3 > end or (
+            self._view[at + 2] in MESSAGE_TYPES and at + 3 + _HEADER.unpack_from(self._view, at)[0] > end
+        )
 
 
 _HEAD_BYTES = 16  # magic, version and when the log was begun
@@ -344,10 +344,7 @@ def read_ulog(
     said = scan.other_messages  # what is said twice holds as it was said last
     set_values = [(t, m.name, m.value) for t, m in said if isinstance(m, Parameter)]
     return Ulog(
-        path=path,
-        size_bytes=contents.size_bytes,
-        content_bytes=size,
-        trouble=contents.trouble,
+        **contents.facts,
         begun=begun,
         frames=scan.messages,
         skipped_bytes=scan.skipped_bytes,

@@ -26,13 +26,12 @@ import numpy as np
 MOST_BYTES = 65_535
 """Of a message: its size has 16 bits."""
 
-CODES: Mapping[str, str] = {
+_KINDS: Mapping[str, np.dtype[Any]] = {name: np.dtype(code) for name, code in {
     "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
     "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<b", "char": "<b",
-}  # fmt: skip
-"""Basic type → its kind, for `struct` and NumPy alike. A bool is a byte: damage makes others than 0 and 1."""
+}.items()}  # fmt: skip
+"""Of the basic types. A bool is a byte: damage makes others than 0 and 1."""
 
-_KINDS: Mapping[str, np.dtype[Any]] = {name: np.dtype(code) for name, code in CODES.items()}
 _MOST_DEEP = 32
 NAME = re.compile(r"[\w/-]+", re.ASCII)
 _FIELD = re.compile(r"([\w/-]+)(?:\[(\d{1,9})\])? (\w+)", re.ASCII)
@@ -204,30 +203,17 @@ DATA = ord("D")
 SYNC = bytes.fromhex("2F731320250CBB12")
 
 _KEY = re.compile(rb"(\w+)(\[\d*\])? ([!-~]+)")
-_VALUES = {kind: struct.Struct(code) for kind, code in CODES.items()}
 _LEVELS = range(ord("0"), ord("8"))
 _LEAST_KEY = 4  # its length, and "a b"
 _MOST_NAME = 255
 
 
-SIZES: Mapping[int, tuple[int, int]] = {
-    ord(letter): sizes
-    for letter, sizes in {
-        "B": (40, 255), "F": (6, 65_535), "A": (4, 3 + _MOST_NAME), "R": (2, 2), "I": (_LEAST_KEY, 65_535),
-        "M": (1 + _LEAST_KEY, 65_535), "P": (_LEAST_KEY, 1024), "Q": (1 + _LEAST_KEY, 1024), "L": (9, 65_535),
-        "C": (11, 65_535), "O": (2, 2), "S": (8, 8), "D": (2, 65_535),
-    }.items()
-}  # fmt: skip
-"""Type → the least and the most bytes of its body."""
-
-
 def parsed_message(kind: int, body: bytes) -> Message | None:
     """What a message that is no data says; None where it is of no known type, or its body none of that type."""
-    parse = _PARSERS.get(kind)
-    low, high = SIZES.get(kind, (0, 0))
-    if parse is None or not low <= len(body) <= high or body[0] not in FIRST_BYTES.get(kind, range(256)):
+    one = MESSAGE_TYPES.get(kind)
+    if one is None or not one.least <= len(body) <= one.most or body[0] not in one.first:
         return None
-    return parse(body)
+    return one.parse(body)
 
 
 def _format(body: bytes) -> Format | None:
@@ -260,26 +246,35 @@ def _logged(body: bytes, *, begin: int) -> LoggedText:
     return LoggedText(stamp, body[0] - ord("0"), _text(body[begin + 8 :]))
 
 
-_PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
-    ord("B"): lambda body: Flags(body[8:16], tuple(at for at in struct.unpack_from("<3Q", body, 16) if at)),
-    ord("F"): _format,
-    ord("A"): _subscription,
-    ord("R"): lambda body: Unsubscription(int.from_bytes(body, "little")),
-    ord("I"): partial(_named, of=Info),
-    ord("M"): _unread,
-    ord("P"): partial(_named, of=Parameter),
-    ord("Q"): _unread,
-    ord("L"): partial(_logged, begin=1),
-    ord("C"): partial(_logged, begin=3),
-    ord("O"): lambda body: Dropout(int.from_bytes(body, "little")),
-    ord("S"): lambda body: Unread() if body == SYNC else None,
-}
+class MessageType(NamedTuple):
+    """What the body of a message can be, and how it is read."""
 
-FIRST_BYTES: Mapping[int, Sequence[int]] = {
-    ord("F"): b"/-_0123456789" + string.ascii_letters.encode(), ord("M"): b"\0\1", ord("Q"): range(1, 256),
-    ord("L"): _LEVELS, ord("C"): _LEVELS, ord("S"): SYNC[:1],
-}  # fmt: skip
-"""Type → what its body begins with, where not any byte can be."""
+    least: int  # bytes
+    most: int
+    parse: Callable[[bytes], Message | None]  # None for what the body of no such message can be
+    first: Sequence[int] = range(256)  # what it can begin with
+
+
+MESSAGE_TYPES: Mapping[int, MessageType] = {
+    ord(letter): one
+    for letter, one in {
+        "B": MessageType(
+            40, 255, lambda body: Flags(body[8:16], tuple(at for at in struct.unpack_from("<3Q", body, 16) if at))
+        ),
+        "F": MessageType(6, MOST_BYTES, _format, b"/-_0123456789" + string.ascii_letters.encode()),
+        "A": MessageType(4, 3 + _MOST_NAME, _subscription),
+        "R": MessageType(2, 2, lambda body: Unsubscription(int.from_bytes(body, "little"))),
+        "I": MessageType(_LEAST_KEY, MOST_BYTES, partial(_named, of=Info)),
+        "M": MessageType(1 + _LEAST_KEY, MOST_BYTES, _unread, b"\0\1"),
+        "P": MessageType(_LEAST_KEY, 1024, partial(_named, of=Parameter)),
+        "Q": MessageType(1 + _LEAST_KEY, 1024, _unread, range(1, 256)),
+        "L": MessageType(9, MOST_BYTES, partial(_logged, begin=1), _LEVELS),
+        "C": MessageType(11, MOST_BYTES, partial(_logged, begin=3), _LEVELS),
+        "O": MessageType(2, 2, lambda body: Dropout(int.from_bytes(body, "little"))),
+        "S": MessageType(8, 8, lambda body: Unread() if body == SYNC else None, SYNC[:1]),
+        "D": MessageType(2, MOST_BYTES, lambda _: None),  # of topics: see `Collector`
+    }.items()
+}
 
 
 def _key_and_value(body: bytes) -> tuple[str, Value] | None:
@@ -295,10 +290,10 @@ def _key_and_value(body: bytes) -> tuple[str, Value] | None:
 def _value(kind: str, array: bool, raw: bytes) -> Value:
     if array:
         return _text(raw) if kind == "char" else raw
-    one = _VALUES.get(kind)
-    if one is None or one.size != len(raw):
+    one = _KINDS.get(kind)
+    if one is None or one.itemsize != len(raw):
         return raw
-    value: int | float = one.unpack(raw)[0]
+    value: int | float = np.frombuffer(raw, one).item()
     return value
 
 

@@ -154,7 +154,6 @@ class Collector:
         self._names = names
         self._all: list[_Collected] = []
         self._index: dict[tuple[str, int], int] = {}
-        self._stamp: list[int] = []  # by index of the topic; -1 without a time
 
     def subscribe(self, to: Subscription) -> bool:
         """Whether the number meant another topic before."""
@@ -167,7 +166,6 @@ class Collector:
             self._index[key] = len(self._all)
             needed = self._names is None or to.topic in self._names
             self._all.append(_Collected(layout, to.instance, needed=needed))
-            self._stamp.append(-1 if layout.stamp is None else layout.stamp)
         replaced = self.longest[to.number] > 0 and self.place[to.number] != self._index[key]
         self.place[to.number] = self._index[key]
         self.shortest[to.number], self.longest[to.number] = 2 + layout.shortest, 2 + layout.longest
@@ -200,7 +198,8 @@ class Collector:
 
     def _stamps(self, data: Bytes, starts: Index, index: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
         """µs (N,), 0 for a topic without times."""
-        places = np.array(self._stamp, np.int64)[index]
+        stamps_at = [-1 if one.layout.stamp is None else one.layout.stamp for one in self._all]
+        places = np.array(stamps_at, np.int64)[index]
         timed = places >= 0
         if timed.all():
             return gather(data, starts + (HEADER_BYTES + places), _STAMP_BYTES).view("<u8")[:, 0]

@@ -26,10 +26,6 @@ NO_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31})
 """MAV_TYPE of components: tracker, ground station, companion, gimbal, ADS-B, camera, charging station."""
 
 _FORMAT = re.compile(r"(\d*)([a-zA-Z])")  # one field of a struct format such as "<Ih4f20s"
-_NUMPY = {
-    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-    "f": "<f4", "d": "<f8",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,10 +114,9 @@ def _layout(message: Any, x25crc: Any) -> MessageLayout:
     for field, (count, code) in zip(message.ordered_fieldnames, _FORMAT.findall(message.unpacker.format), strict=True):
         if code in "sc":
             fields.append((field, f"S{count or 1}"))
-        elif count:
-            fields.append((field, _NUMPY[code], (int(count),)))
-        else:
-            fields.append((field, _NUMPY[code]))
+            continue
+        kind = np.dtype(f"<{code}").str  # the letters of struct are NumPy's
+        fields.append((field, kind, (int(count),)) if count else (field, kind))
     return MessageLayout(
         id=int(message.id),
         name=str(message.msgname),

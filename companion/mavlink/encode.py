@@ -11,6 +11,7 @@ import re
 import struct
 import time
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,6 @@ class Packer:
             self._sender.signing.secret_key = signing_key
             self._sender.signing.sign_outgoing = True
             self._sender.signing.timestamp = now_ticks()
-        self._blank: dict[str, dict[str, Any]] = {}
 
     def pack(self, name: str, fields: Mapping[str, Value], *, version: int = 2) -> bytes:
         """A frame of message `name` ("RAW_IMU"), fields in wire units; those not named are zero.
@@ -55,7 +55,7 @@ class Packer:
         kind = getattr(self._module, f"MAVLink_{name.lower()}_message", None)
         if kind is None:
             raise KeyError(f"the dialect has no message {name!r}")
-        blank = self._blank.setdefault(name, _zeros(kind))
+        blank = _zeros(kind)
         if unknown := fields.keys() - blank.keys():
             raise KeyError(f"{name} has no field {', '.join(sorted(unknown))}; it has {', '.join(blank)}")
         if self._sender.signing.sign_outgoing:
@@ -75,6 +75,7 @@ class Packer:
         return b"\xfd" + body + crc_of(body + bytes((layout.crc_extra,))).to_bytes(2, "little")
 
 
+@cache
 def _zeros(kind: Any) -> dict[str, Any]:
     """Every field of a message class with the value zero."""
     lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))

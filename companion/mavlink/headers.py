@@ -49,12 +49,14 @@ def crc_of(covered: bytes) -> int:
     return _MIRRORED[mirrored & 0xFF] << 8 | _MIRRORED[mirrored >> 8]
 
 
-def _frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDArray[np.uint16]:
-    """CRC of `data[first[i] : first[i] + count[i]]` followed by `extra[i]`, for every i.
+def _frame_crc(data: Bytes, headers: Headers, extra: Bytes) -> npt.NDArray[np.uint16]:
+    """CRC (N,) of what follows each magic byte, up to the end of the payload, and of its CRC_EXTRA (N,).
 
-    `data` (M,) uint8 with SLACK bytes behind the last range; `first`, `count`, `extra` (N,). Returns (N,) uint16.
-    Ranges may overlap. Time is linear in the sum of `count`, memory bounded but for a few bytes per range.
+    `data` (M,) uint8 with SLACK bytes behind the last payload. Frames may overlap. Time is linear in the sum of their
+    lengths, memory bounded but for a few bytes per frame.
     """
+    first = headers.start + 1
+    count = headers.payload - first + headers.length
     # Sorted by length, so that in each step those that are not yet at their end lie side by side.
     pairs = (count >> 1).astype(np.uint16)
     order = np.argsort(pairs, kind="stable")
@@ -73,15 +75,6 @@ def _frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDA
     crc = np.empty_like(state)
     crc[order] = np.where(odd, with_byte, without)
     return crc
-
-
-def _fits_some_extra(data: Bytes, first: Index, count: Index, crc: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
-    """Whether there is a CRC_EXTRA with which `crc` is right: true of any intact frame, of 1 in 256 others.
-
-    Arguments as of `_frame_crc`. CRCs are linear, so what a last byte does to one does not depend on the bytes before.
-    """
-    without = _frame_crc(data, first, count, np.zeros(len(first), np.uint8))
-    return np.asarray(_MAKES_A_CRC[without ^ crc])
 
 
 def _take_pairs(state: npt.NDArray[np.uint16], data: Bytes, first: Index, pairs: npt.NDArray[np.uint16]) -> None:
@@ -242,16 +235,18 @@ def sift_1(data: Bytes, places: Index, size: int, dialect: Dialect) -> tuple[Hea
 
 
 def crc_is_right(data: Bytes, headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
-    first = headers.start + 1
-    extra = dialect.crc_extra[headers.id].astype(np.uint8)
-    crc = _frame_crc(data, first, headers.payload - first + headers.length, extra)
+    crc = _frame_crc(data, headers, dialect.crc_extra[headers.id].astype(np.uint8))
     return np.asarray(crc == wire_crc(data, headers))
 
 
 def crc_may_be_right(data: Bytes, headers: Headers) -> npt.NDArray[np.bool_]:
-    """For unknown ids, whose CRC_EXTRA is unknown too."""
-    first = headers.start + 1
-    return _fits_some_extra(data, first, headers.payload - first + headers.length, wire_crc(data, headers))
+    """For unknown ids, whose CRC_EXTRA is unknown too: whether there is one with which the CRC is right.
+
+    That is true of any intact frame, and of 1 in 256 others. CRCs are linear, so what a last byte does to one does not
+    depend on the bytes before.
+    """
+    without = _frame_crc(data, headers, np.zeros(len(headers), np.uint8))
+    return np.asarray(_MAKES_A_CRC[without ^ wire_crc(data, headers)])
 
 
 def merge(left: Headers, right: Headers) -> Headers:

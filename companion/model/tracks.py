@@ -175,8 +175,7 @@ class ImuTrack(Checked):
 
     def __getitem__(self, index: slice) -> ImuTrack:
         """The same track, cut to a slice of its samples."""
-        interval = None if self.interval is None else self.interval[index]
-        return replace(self, t=self.t[index], gyro=self.gyro[index], accel=self.accel[index], interval=interval)
+        return rows(self, index)
 
     @cached_property
     def rate_hz(self) -> float:

@@ -87,12 +87,10 @@ _MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 164)})  # SRV_C
 
 def control_track(messages: Mapping[str, Messages], attitude: AttitudeTrack | None) -> ControlTrack | None:
     """The desired attitude: ATTITUDE_TARGET; else roll and pitch of NAV_CONTROLLER_OUTPUT with the present heading."""
-    if "ATTITUDE_TARGET" in messages:
-        target = messages["ATTITUDE_TARGET"]
+    if (target := messages.get("ATTITUDE_TARGET")) is not None:
         q = target["q"].astype(np.float64)
         valid = (target["type_mask"] & _NO_ATTITUDE) == 0
-    elif "NAV_CONTROLLER_OUTPUT" in messages and attitude is not None:
-        target = messages["NAV_CONTROLLER_OUTPUT"]
+    elif (target := messages.get("NAV_CONTROLLER_OUTPUT")) is not None and attitude is not None:
         w, x, y, z = (np.interp(target.t, attitude.t, part) for part in attitude.q_ned_frd.T)
         heading = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
         q = from_euler(np.radians(target["nav_roll"]), np.radians(target["nav_pitch"]), heading)
@@ -110,9 +108,8 @@ def control_of(source: str, t: Array, q: Array, good: BoolArray | bool = True) -
 
 def actuator_track(messages: Mapping[str, Messages], parameters: Mapping[str, float]) -> ActuatorTrack | None:
     """SERVO_OUTPUT_RAW; None where none of the outputs is in use."""
-    if "SERVO_OUTPUT_RAW" not in messages:
+    if (outputs := messages.get("SERVO_OUTPUT_RAW")) is None:
         return None
-    outputs = messages["SERVO_OUTPUT_RAW"]
     pulses = outputs.columns(*(f"servo{i}_raw" for i in range(1, _SERVOS + 1)))
     banks = []
     for port in _PORTS:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import Dialect, Messages
+from companion.mavlink import Dialect, Messages, as_bytes
 from companion.model import (
     IMU_MESSAGES,
     Array,
@@ -80,7 +80,7 @@ def _copies(messages: Messages, own: Array) -> int:
         return 0
     order = np.argsort(own, kind="stable")
     again = np.flatnonzero(np.diff(own[order]) == 0)
-    rows = np.ascontiguousarray(messages.rows).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
+    rows = as_bytes(np.ascontiguousarray(messages.rows))
     return int((rows[order[again]] == rows[order[again + 1]]).sum())
 
 
@@ -268,9 +268,8 @@ def _parameters(
     boot: Boot, known: Mapping[str, float], notes: list[str]
 ) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
-    if "PARAM_VALUE" not in boot.messages:
+    if (sent := boot.messages.get("PARAM_VALUE")) is None:
         return dict(known), dict(known), ()
-    sent = boot.messages["PARAM_VALUE"]
     values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
     names = sent["param_id"].tolist()
     last, first = values_of(names, values), values_of(names, values, first=True)

@@ -20,6 +20,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -249,46 +250,47 @@ def _device(parameters: Mapping[str, float], name: str) -> int | None:
 
 UNKNOWN = "UNKNOWN"
 
-_BANNER = re.compile(
-    r"(?:Ardu|APM:)?(?P<name>Copter|Plane|Rover|Sub|Blimp|AntennaTracker) V(?P<version>\d[\w.-]*)", re.ASCII
+
+class _Firmware(NamedTuple):
+    """What tells that one of ArduPilot's firmwares wrote a log."""
+
+    type: str  # MAV_TYPE without prefix
+    name: str  # in its banner
+    build: int  # VER.BU, AP_Vehicle_Type.h
+    software: float = math.nan  # SYSID_SW_TYPE
+    parameter: str | None = None  # that no other has
+
+
+_FIRMWARES = (
+    _Firmware("QUADROTOR", "Copter", 2, 10, "PILOT_THR_BHV"),
+    _Firmware("FIXED_WING", "Plane", 3, 0, "RLL2SRV_TCONST"),
+    _Firmware("GROUND_ROVER", "Rover", 1, 20, "CRUISE_SPEED"),
+    _Firmware("SUBMARINE", "Sub", 7, 40, "JS_GAIN_DEFAULT"),
+    _Firmware("AIRSHIP", "Blimp", 12),
+    _Firmware("ANTENNA_TRACKER", "AntennaTracker", 4, 4),
+    _Firmware("HELICOPTER", "Copter", 13),  # whose banner is that of the multicopter
 )
-_KINDS = {
-    "Copter": "QUADROTOR",
-    "Plane": "FIXED_WING",
-    "Rover": "GROUND_ROVER",
-    "Sub": "SUBMARINE",
-    "Blimp": "AIRSHIP",
-    "AntennaTracker": "ANTENNA_TRACKER",
-}
-_BUILDS = {
-    1: "GROUND_ROVER", 2: "QUADROTOR", 3: "FIXED_WING", 4: "ANTENNA_TRACKER", 7: "SUBMARINE", 12: "AIRSHIP",
-    13: "HELICOPTER",
-}  # fmt: skip
-"""VER.BU, AP_Vehicle_Type.h."""
-_SOFTWARE: Mapping[float, str] = {
-    0: "FIXED_WING", 4: "ANTENNA_TRACKER", 10: "QUADROTOR", 20: "GROUND_ROVER", 40: "SUBMARINE"
-}  # fmt: skip
-"""SYSID_SW_TYPE."""
-_OWN_PARAMETERS = {
-    "PILOT_THR_BHV": "QUADROTOR",
-    "RLL2SRV_TCONST": "FIXED_WING",
-    "CRUISE_SPEED": "GROUND_ROVER",
-    "JS_GAIN_DEFAULT": "SUBMARINE",
-}
+
+_BANNER = re.compile(
+    rf"(?:Ardu|APM:)?(?P<name>{'|'.join(one.name for one in _FIRMWARES)}) V(?P<version>\d[\w.-]*)", re.ASCII
+)
 
 
 def banner(texts: Iterable[str]) -> tuple[str, str] | None:
     """Type (MAV_TYPE without prefix) and version by the banner among the texts, "ArduCopter V4.7.0-dev (90700977)"."""
     match = next((match for text in texts if (match := _BANNER.match(text))), None)
-    return (_KINDS[match["name"]], match["version"]) if match else None
+    return (next(one.type for one in _FIRMWARES if one.name == match["name"]), match["version"]) if match else None
 
 
 def vehicle_type(parameters: Mapping[str, float], build: int | None = None) -> str:
     """Type by the build (VER.BU) and the parameters; UNKNOWN where neither tells."""
-    if build in _BUILDS:
-        return _BUILDS[build]
-    software = _SOFTWARE.get(parameters.get("SYSID_SW_TYPE", -1.0))
-    return software or next((kind for name, kind in _OWN_PARAMETERS.items() if name in parameters), UNKNOWN)
+    software = parameters.get("SYSID_SW_TYPE")
+    known = (
+        *(one.type for one in _FIRMWARES if one.build == build),
+        *(one.type for one in _FIRMWARES if one.software == software),
+        *(one.type for one in _FIRMWARES if one.parameter in parameters),
+    )
+    return known[0] if known else UNKNOWN
 
 
 def release(code: int) -> str:

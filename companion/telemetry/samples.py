@@ -19,6 +19,8 @@ from companion.model import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
+    BiasTrack,
+    BoolArray,
     ImuTrack,
     Origin,
     PositionTrack,
@@ -28,7 +30,6 @@ from companion.model import (
     ned_from_geodetic,
 )
 
-BoolArray = npt.NDArray[np.bool_]
 Ranges = tuple[float | None, float | None]
 """Of a gyro, rad/s, and an accelerometer, m/s²; None where it is not known."""
 
@@ -50,6 +51,11 @@ def finite_rows(*columns: Array) -> BoolArray:
         if not np.isfinite(one).all():  # row by row takes ten times as long
             good &= np.isfinite(one).all(axis=1)
     return good
+
+
+def not_zero(gyro: Array, accel: Array) -> BoolArray:
+    """Which samples of an IMU, (N, 3) each, are not zero throughout: a driver that has no reading gives zeros."""
+    return np.asarray(gyro.any(axis=1) | accel.any(axis=1))
 
 
 def readable(gyro: Array, accel: Array, ranges: Ranges = (None, None)) -> BoolArray:
@@ -231,6 +237,15 @@ def imu_track(
     own = None if interval is None else interval[keep]
     known = ranges or (None, None)
     return ImuTrack(t[keep], gyro[keep], accel[keep], source, interval=own, gyro_range=known[0], accel_range=known[1])
+
+
+def bias_track(
+    source: str, t: Array, columns: tuple[Array, ...], good: BoolArray, core: int, imu_instance: int | None
+) -> BiasTrack:
+    """The good estimates at times t (N,) s. columns: of gyro and accelerometer, and 1σ of both, (N, 3) each."""
+    keep = increasing(t, good)
+    gyro, accel, gyro_sigma, accel_sigma = (one[keep] for one in columns)
+    return BiasTrack(t[keep], gyro, accel, gyro_sigma, accel_sigma, source, core, imu_instance)
 
 
 def in_use(source: str, t: Array, instance: npt.NDArray[np.int64], good: BoolArray | bool = True) -> SensorInUse | None:

@@ -19,7 +19,7 @@ from companion.telemetry.control import control_of
 from companion.telemetry.events import arming, in_order
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehicle, setting_names, values_of
-from companion.telemetry.samples import attitude_track, attitudes, imu_track, place, position_track
+from companion.telemetry.samples import attitude_track, attitudes, imu_track, not_zero, place, position_track
 from companion.telemetry.sources import SDLOG2_SOURCES, Raw, raw_series, series_of
 
 _CLOCK = "TIME"
@@ -113,8 +113,7 @@ def _timed(read: Mapping[str, Records]) -> dict[str, Records]:
 
 def _imu(one: Records, instance: int, notes: list[str]) -> ImuTrack:
     gyro, accel = (one.columns(*(f"{of}{axis}" for axis in "XYZ")) for of in ("Gyro", "Acc"))
-    good = np.asarray(gyro.any(axis=1) | accel.any(axis=1))
-    return replace(imu_track(one.name, one.t, gyro, accel, good, notes), instance=instance)
+    return replace(imu_track(one.name, one.t, gyro, accel, not_zero(gyro, accel), notes), instance=instance)
 
 
 def _column(one: Records, field: str) -> Raw | None:

@@ -91,8 +91,7 @@ class RawSeries:
     kind: str
     source: str
     t: Array  # (N,) s, boot clock; NaN where it is not known
-    raw: Mapping[str, Raw]  # column → (N,), as the log has it
-    factors: Mapping[str, float]
+    raw: Mapping[str, tuple[Raw, float]]  # column → (N,), as the log has it, and the factor that makes it SI
     instance: int = 0  # which sensor of its kind
 
 
@@ -110,19 +109,18 @@ def raw_series(
 
     A sensor that is zero throughout is none, and is noted.
     """
-    raw: dict[str, Raw] = {}
-    factors: dict[str, float] = {}
+    raw: dict[str, tuple[Raw, float]] = {}
     for name, ways in row.fields.items():
         for field, unit in ways:
             if (values := column(field)) is not None:
-                raw[name] = np.array(values)  # not a view: the rows need not stay for it
                 stated = (units or {}).get(field, "")
-                factors[name] = SI[stated if stated in SI and stated else unit]
+                factor = SI[stated if stated in SI and stated else unit]
+                raw[name] = np.array(values), factor  # not a view: the rows need not stay for it
                 break
-    silent = row.kind in NONE_IF_ZERO and not any(v.any() for v in raw.values())
+    silent = row.kind in NONE_IF_ZERO and not any(v.any() for v, _ in raw.values())
     if silent and raw and len(t) and notes is not None and NONE_IF_ZERO[row.kind] and row.noted:
         notes.append(f"{source} left out as {row.kind}: it is zero throughout")
-    return None if not raw or not len(t) or silent else RawSeries(row.kind, source, t, raw, factors, instance)
+    return None if not raw or not len(t) or silent else RawSeries(row.kind, source, t, raw, instance)
 
 
 def series_of(several: Iterable[RawSeries | None]) -> Mapping[str, Series]:
@@ -141,7 +139,7 @@ def _series(series: RawSeries) -> Series:
     values = np.full((len(series.t), len(names)), np.nan)
     for i, name in enumerate(names):
         if name in series.raw:
-            values[:, i] = series.raw[name] * series.factors[name]
+            values[:, i] = np.multiply(*series.raw[name])
     columns = {name: values[:, i] for i, name in enumerate(names)}  # views: what follows changes `values`
     values[~np.isfinite(values)] = np.nan
     for name, absent in _UNKNOWN.get(series.kind, {}).items():
@@ -238,7 +236,7 @@ def _each(pattern: str, places: Iterable[int | str] = range(3)) -> str:
 _TESLA, _MPS2, _RADPS = _each("{}_tesla", "xyz"), _each("{}_mps2", "xyz"), _each("{}_radps", "xyz")
 _ANGLES, _NED_MPS, _NED_M = "roll_rad pitch_rad yaw_rad", "vn_mps ve_mps vd_mps", "north_m east_m down_m"
 _RATIOS = "velocity_ratio position_ratio height_ratio compass_ratio airspeed_ratio flags"
-_SIGMAS = "horizontal_sigma_m vertical_sigma_m speed_sigma_mps"
+_SIGMAS = " ".join(SIGMAS)
 _PLACE, _LEAN, _SPEED = "north_m2 east_m2 down_m2", "roll_rad2 pitch_rad2 yaw_rad2", "vn_m2ps2 ve_m2ps2 vd_m2ps2"
 _IMUS = (_each(of, range(4)) for of in ("gyro_{}_radps", "accel_{}_mps2", "gyro_{}_healthy", "accel_{}_healthy"))
 

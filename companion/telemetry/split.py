@@ -82,8 +82,7 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect, notes: list
     """
     states = STATE_MESSAGES & sender.keys()
     autopilot = kind = UNKNOWN
-    if "HEARTBEAT" in sender:
-        beats = sender["HEARTBEAT"]
+    if (beats := sender.get("HEARTBEAT")) is not None:
         alike = beats.select(majority(beats["autopilot"], beats["type"]))
         numbers = int(alike["autopilot"][0]), int(alike["type"][0])
         autopilot = dialect.enum_names("MAV_AUTOPILOT").get(numbers[0], str(numbers[0]))
@@ -195,9 +194,9 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
 
 def _banner(sender: Sender) -> tuple[str, str] | None:
     """Type and version by ArduPilot's banner, which is sent with the parameters."""
-    if "STATUSTEXT" not in sender:
+    if (sent := sender.get("STATUSTEXT")) is None:
         return None
-    return banner(map(words, dict.fromkeys(sender["STATUSTEXT"]["text"].tolist())))  # the same are sent over and over
+    return banner(map(words, dict.fromkeys(sent["text"].tolist())))  # the same are sent over and over
 
 
 _MOST_SENDERS = 64  # that are all listened to

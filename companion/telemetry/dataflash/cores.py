@@ -16,7 +16,7 @@ from companion.logs import Records
 from companion.mavlink import Index
 from companion.model import Array, BiasTrack, DataError, EstimatorReset, ResetKind, SensorInUse, StatusText
 from companion.telemetry import events
-from companion.telemetry.samples import commonest, in_use, increasing
+from companion.telemetry.samples import bias_track, commonest, finite_rows, in_use
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
 """What the names of an EKF's records begin with → its number in AHRS_EKF_TYPE, and the parameter with its IMUs."""
@@ -148,12 +148,8 @@ def _bias_track(ekf: Ekf, estimate: Records, other: Records | None, core: int) -
                 accel[:, i] = np.interp(t, other.t, other[f"A{axis}"])
         if other.layout.has_numbers("AZbias"):
             accel[:, 2] = np.interp(t, other.t, other["AZbias"] * 0.01)
-    keep = increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
-    gyro_sigma, accel_sigma = _sigmas(ekf, core, t)
-    source = f"{estimate.name}[{core}]"
-    return BiasTrack(
-        t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, ekf.imu_of(core)
-    )
+    columns, good = (gyro, accel, *_sigmas(ekf, core, t)), np.isfinite(t) & finite_rows(gyro)
+    return bias_track(f"{estimate.name}[{core}]", t, columns, good, core, ekf.imu_of(core))
 
 
 def _sigmas(ekf: Ekf, core: int, t: Array) -> tuple[Array, Array]:

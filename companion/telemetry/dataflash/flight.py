@@ -65,16 +65,12 @@ _DESIRED = ("DesRoll", "DesPitch", "DesYaw")
 
 def truth(records: Mapping[str, Records]) -> TruthTrack | None:
     """SITL's own state: SIM, with the velocity of SIM2 where that is logged; position about the estimator's origin."""
-    if "SIM" not in records:
+    if (one := records.get("SIM")) is None:
         return None
-    one = records["SIM"]
-    if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
-        q = one.columns("Q1", "Q2", "Q3", "Q4")
-    else:
-        q = from_euler(*np.radians(one.columns("Roll", "Pitch", "Yaw")).T)
+    has_q = one.layout.has_numbers(*pose.QUATERNION)
+    q = one.columns(*pose.QUATERNION) if has_q else pose.angles(one)
     velocity = np.full((len(one), 3), np.nan)
-    if "SIM2" in records:
-        fine = records["SIM2"]
+    if (fine := records.get("SIM2")) is not None:
         for i, name in enumerate(("VN", "VE", "VD")):
             velocity[:, i] = np.interp(one.t, fine.t, fine[name], left=np.nan, right=np.nan)
     place = one.columns("Lat", "Lng", "Alt") * (SI["deg"], SI["deg"], 1.0)
@@ -254,9 +250,9 @@ def _parameters(records: Mapping[str, Records]) -> tuple[list[bytes], Array, Arr
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
-    if "MSG" not in records:
+    if (one := records.get("MSG")) is None:
         return ()
-    rows = zip(records["MSG"].t.tolist(), records["MSG"]["Message"].tolist(), strict=True)
+    rows = zip(one.t.tolist(), one["Message"].tolist(), strict=True)
     return tuple(StatusText(t, _INFO, words(text)) for t, text in rows)
 
 

@@ -36,9 +36,11 @@ from companion.telemetry.samples import BoolArray, attitude_track, attitudes, pl
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
 
+QUATERNION, _EULER = ("Q1", "Q2", "Q3", "Q4"), ("Roll", "Pitch", "Yaw")
+
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("POS", "ORGN"), ("Lat", "Lng", "Alt")),
-    "ATT": ("Roll", "Pitch", "Yaw"),
+    "ATT": _EULER,
 }
 """Columns that these records must have."""
 
@@ -50,9 +52,9 @@ def attitude(ekf: Ekf, core: int) -> tuple[Array, Array, str] | None:
     """
     one = ekf.of_cores("Q").get(core)
     if one is not None and not _by_dcm(ekf):
-        q = one.columns("Q1", "Q2", "Q3", "Q4")
+        q = one.columns(*QUATERNION)
     elif (one := ekf.records.get("ATT")) is not None:
-        q = _angles(one)
+        q = angles(one)
     else:
         return None
     _, t, q = attitudes(one.t, q)
@@ -105,9 +107,7 @@ def position(ekf: Ekf, core: int, notes: list[str]) -> PositionTrack | None:
         notes.append(
             f"AHRS_EKF_TYPE: the vehicle flew by {NOT_EKF[kind]}: {one.name}'s EKF, which is judged, only ran along"
         )
-    ned, velocity = (
-        np.column_stack([one.in_unit(n) for n in names]) for names in (("PN", "PE", "PD"), ("VN", "VE", "VD"))
-    )
+    ned, velocity = (np.column_stack([one.in_unit(n) for n in names]) for names in (_STATES[:3], _STATES[3:]))
     good = _has_position(one.t, ekf.of_cores("F4").get(core))
     track = position_track(one.name, one.t, ned, velocity, good, notes)
     return None if track is None else replace(track, source=f"{ekf.prefix}F1")
@@ -178,7 +178,6 @@ def in_frame(q: Array, parameters: Mapping[str, float], *, of_imu: bool) -> Arra
     return np.asarray(q @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]))
 
 
-_EULER = ("Roll", "Pitch", "Yaw")
 _STATES = ("PN", "PE", "PD", "VN", "VE", "VD")
 _LONGEST_WAIT_S = 0.05  # XKQ and XKF1 of a core are written one after the other
 
@@ -190,7 +189,7 @@ def lanes(ekf: Ekf, *, in_imu_frame: bool) -> tuple[EstimatorLane, ...]:
     """
     made = [*_cores(ekf, in_imu_frame=in_imu_frame)]
     if (one := ekf.records.get("AHR2")) is not None and not _by_dcm(ekf) and one.layout.has_numbers(*_EULER):
-        _, t, q = attitudes(one.t, in_frame(_angles(one), ekf.parameters, of_imu=in_imu_frame))
+        _, t, q = attitudes(one.t, in_frame(angles(one), ekf.parameters, of_imu=in_imu_frame))
         unknown = np.full((len(t), 3), np.nan)
         made.append(EstimatorLane(t, q, unknown, unknown, "DCM", None, "AHR2"))
     return tuple(lane for lane in made if len(lane) > 1)
@@ -202,9 +201,9 @@ def _cores(ekf: Ekf, *, in_imu_frame: bool) -> Iterator[EstimatorLane]:
     for core in sorted(quaternions.keys() | states.keys()):
         state = states.get(core)
         if (one := quaternions.get(core)) is not None:
-            t, q = one.t, one.columns("Q1", "Q2", "Q3", "Q4")
+            t, q = one.t, one.columns(*QUATERNION)
         elif not in_imu_frame and state is not None and state.layout.has_numbers(*_EULER):
-            one, t, q = state, state.t, _angles(state)
+            one, t, q = state, state.t, angles(state)
         else:
             continue
         _, t, q = attitudes(t, q)
@@ -215,7 +214,8 @@ def _cores(ekf: Ekf, *, in_imu_frame: bool) -> Iterator[EstimatorLane]:
         )  # fmt: skip
 
 
-def _angles(one: Records) -> Array:
+def angles(one: Records) -> Array:
+    """The attitudes (N, 4) that records have as Euler angles in degrees."""
     return from_euler(*np.radians(one.columns(*_EULER)).T)
 
 

@@ -85,12 +85,12 @@ def with_times(records: Mapping[str, Records]) -> tuple[dict[str, Records], list
     if not timed:
         return {}, notes
     clock = max(timed.values(), key=len)
-    bare = {
+    timed |= {
         name: replace(one, sender_s=np.interp(one.offset, clock.offset, clock.t))
         for name, one in records.items()
         if not one.layout.clock and one.rows.dtype.names
     }
-    return {name: (timed | bare)[name] for name in records if name in timed or name in bare}, notes
+    return {name: timed[name] for name in records if name in timed}, notes
 
 
 def _by_gps(records: Mapping[str, Records]) -> tuple[dict[str, Records], list[str]]:
@@ -220,8 +220,8 @@ def _batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSe
         if kind < len(_KINDS) and len(rows):
             name, sensor, unit = _KINDS[kind]
             t, values = _samples(heads.select(head[rows]), data.select(rows))
-            columns = {f"{axis}_{unit}": values[:, i] for i, axis in enumerate(_AXES)}
-            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, dict.fromkeys(columns, 1.0), instance)
+            columns = {f"{axis}_{unit}": (values[:, i], 1.0) for i, axis in enumerate(_AXES)}
+            yield RawSeries(name, f"ISBD[{sensor} {instance}]", t, columns, instance)
 
 
 def _samples(heads: Records, data: Records) -> tuple[Array, Array]:

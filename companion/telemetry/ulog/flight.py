@@ -30,7 +30,7 @@ from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.events import changes, in_order, lane_changes, turns
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehicle, release, setting_names, words
-from companion.telemetry.samples import commonest, finite_rows, in_use, increasing
+from companion.telemetry.samples import bias_track, commonest, finite_rows, in_use
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES, Lazy, series_of
 from companion.telemetry.ulog import pose
 from companion.telemetry.ulog.imu import imu_tracks
@@ -72,9 +72,9 @@ def _imu_instances(topics: Topics) -> dict[int, int]:
 def _imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
     """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
     for name in ("sensor_selection", _SELECTOR):
-        if name not in topics:
+        if (topic := topics.get(name)) is None:
             continue
-        t, devices = topics[name].seconds(), topics[name].ids("gyro_device_id")
+        t, devices = topic.seconds(), topic.ids("gyro_device_id")
         instance = np.array([by_device.get(device, -1) for device in devices.tolist()], np.int64)
         if (used := in_use(name, t, instance, instance >= 0)) is not None:
             return used
@@ -129,16 +129,11 @@ def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, in
     accel[no_accel], accel_sigma[no_accel] = np.nan, np.nan
     known = np.isfinite(gyro).all(axis=1) | np.isfinite(accel).all(axis=1)
     devices = np.where(gyros != 0, gyros, accels)
-    tracks = []
-    for device in dict.fromkeys(devices[known].tolist()):
-        keep = increasing(t, known & (devices == device))
-        tracks.append(
-            BiasTrack(
-                t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep],
-                source=name, core=core, imu_instance=by_device.get(device),
-            )
-        )  # fmt: skip
-    return tracks
+    columns = gyro, accel, gyro_sigma, accel_sigma
+    return [
+        bias_track(name, t, columns, known & (devices == device), core, by_device.get(device))
+        for device in dict.fromkeys(devices[known].tolist())
+    ]
 
 
 def _state_biases(topic: Topic, name: str, core: int, version: _Version, by_device: Mapping[int, int]) -> BiasTrack:
@@ -146,14 +141,9 @@ def _state_biases(topic: Topic, name: str, core: int, version: _Version, by_devi
     t, dt = sampled(topic), _filter_interval(version)
     gyro, accel = (topic.array("states", range(at, at + 3)) / dt for at in (_GYRO, _ACCEL))
     less = 4 - _attitude_elements(version)
-    gyro_sigma, accel_sigma = (
-        _sigma(topic.array("covariances", range(at - less, at - less + 3))) / dt for at in (_GYRO, _ACCEL)
-    )
-    keep = increasing(t, finite_rows(gyro, accel))
+    sigmas = (_sigma(topic.array("covariances", range(at - less, at - less + 3))) / dt for at in (_GYRO, _ACCEL))
     only = next(iter(by_device.values())) if len(by_device) == 1 else (None if by_device else 0)
-    return BiasTrack(
-        t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source=name, core=core, imu_instance=only
-    )
+    return bias_track(name, t, (gyro, accel, *sigmas), finite_rows(gyro, accel), core, only)
 
 
 def _attitude_elements(version: _Version) -> int:
@@ -203,9 +193,8 @@ def _estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
 
 def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:
     """By vehicle_attitude's quat_reset_counter; delta_q_reset is the turn in NED."""
-    if "vehicle_attitude" not in topics:
+    if (topic := topics.get("vehicle_attitude")) is None:
         return
-    topic = topics["vehicle_attitude"]
     turn = topic.array("delta_q_reset", range(4))
     for t, i, times in _counted(topic, "quat_reset_counter"):
         w, *axis = np.nan_to_num(turn[i])
@@ -352,9 +341,8 @@ def _span(times: Iterable[Array], begun: float) -> tuple[float, float]:
 
 def _events(topics: Topics) -> tuple[Event, ...]:
     """Arming, modes and failsafes of vehicle_status."""
-    if "vehicle_status" not in topics:
+    if (topic := topics.get("vehicle_status")) is None:
         return ()
-    topic = topics["vehicle_status"]
     t = topic.seconds("timestamp")
     events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic["failsafe"] if "failsafe" in topic else np.zeros(len(t)), np.bool_)

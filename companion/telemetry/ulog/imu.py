@@ -15,17 +15,16 @@ samples a second. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
 from companion.telemetry.clock import LONGEST_WAIT_S
 from companion.telemetry.convert import euler_matrix
 from companion.telemetry.parameters import part_ranges
-from companion.telemetry.samples import Ranges, finite_rows, imu_track, increasing
+from companion.telemetry.samples import finite_rows, imu_track, increasing, not_zero
 from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
 
 
@@ -65,8 +64,8 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
         gyro = topic.array("delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
         accel = topic.array("delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
         device, other = (commonest_device(topic, f"{of}_device_id") for of in ("gyro", "accel"))
-        ranges = part_ranges("PX4", device, other)
-        track = _track(name, sampled(topic) - gyro_dt / 2, gyro, accel, gyro_dt, whole, notes, ranges)
+        ranges, good = part_ranges("PX4", device, other), whole & not_zero(gyro, accel)
+        track = imu_track(name, sampled(topic) - gyro_dt / 2, gyro, accel, good, notes, ranges, gyro_dt)
         yield replace(track, instance=instance, device_id=device or None)
 
 
@@ -74,9 +73,9 @@ def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
     """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
     own = topic.column("gyro_integral_dt")
     own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
-    t = topic.seconds() - own / 2
-    good = (own >= 0.0) & (own < LONGEST_WAIT_S)
-    return _track("sensor_combined", t, topic.array("gyro_rad"), topic.array("accelerometer_m_s2"), own, good, notes)
+    gyro, accel = topic.array("gyro_rad"), topic.array("accelerometer_m_s2")
+    good = (own >= 0.0) & (own < LONGEST_WAIT_S) & not_zero(gyro, accel)
+    return imu_track("sensor_combined", topic.seconds() - own / 2, gyro, accel, good, notes, interval=own)
 
 
 def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str]) -> Iterator[ImuTrack]:
@@ -89,25 +88,10 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     own, rate, t = own[keep], rate[keep], sampled(pushed)
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
-        gyro = interpolated(t, own, rate)
-        track = _track("vehicle_angular_velocity", t, gyro, pushed.array("xyz"), np.zeros(len(t)), within, notes)
+        gyro, accel = interpolated(t, own, rate), pushed.array("xyz")
+        track = imu_track("vehicle_angular_velocity", t, gyro, accel, within & not_zero(gyro, accel), notes)
         gyro_hz, accel_hz = (parameters.get(name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
-        yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
-
-
-def _track(
-    source: str,
-    t: Array,
-    gyro: Array,
-    accel: Array,
-    interval: Array,
-    whole: npt.NDArray[np.bool_],
-    notes: list[str],
-    ranges: Ranges = (None, None),
-) -> ImuTrack:
-    """whole: rows that say for which interval they are. Rows of zeros are no readings."""
-    good = whole & (gyro.any(axis=1) | accel.any(axis=1))
-    return imu_track(source, t, gyro, accel, good, notes, ranges, interval)
+        yield replace(track, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
 
 _FIFO_MOST = 32  # samples in a message
@@ -129,10 +113,9 @@ class _Readings:
 
 
 def driver_tracks(
-    topics: Topics, others: Iterable[ImuTrack], parameters: Mapping[str, float], notes: list[str]
+    topics: Topics, known: Sequence[ImuTrack], parameters: Mapping[str, float], notes: list[str]
 ) -> list[ImuTrack]:
-    """A track of each IMU that has more samples than any of the others has of it, at the gyro's times."""
-    known = list(others)
+    """A track of each IMU that has more samples than any of those known has of it, at the gyro's times."""
     tracks: list[ImuTrack] = []
     for of in ("sensor_gyro_fifo", "sensor_gyro"):
         gyros = list(_sensors(topics, of, "GYRO", parameters))

@@ -38,9 +38,8 @@ _ESC_MOST = 8191.0  # of UAVCAN's esc.RawCommand
 
 def control_track(topics: Topics) -> ControlTrack | None:
     """vehicle_attitude_setpoint; where it has no quaternion (before PX4 1.9 not always) by its Euler angles."""
-    if "vehicle_attitude_setpoint" not in topics:
+    if (topic := topics.get("vehicle_attitude_setpoint")) is None:
         return None
-    topic = topics["vehicle_attitude_setpoint"]
     t, q = topic.seconds(), topic.array("q_d", range(4))
     angles = topic.columns("roll_body", "pitch_body", "yaw_body")
     valid = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & topic.flag("q_d_valid")
@@ -51,8 +50,7 @@ def control_track(topics: Topics) -> ControlTrack | None:
 
 def actuator_track(topics: Topics) -> ActuatorTrack | None:
     """actuator_motors, else of the instances of actuator_outputs the one with the most outputs that move."""
-    if "actuator_motors" in topics:
-        topic = topics["actuator_motors"]
+    if (topic := topics.get("actuator_motors")) is not None:
         output = np.clip(topic.array("control", range(12)), 0.0, 1.0)
         if np.isfinite(output).any():
             return outputs_of("actuator_motors", sampled(topic), output)
@@ -84,12 +82,9 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
 
     Where neither is logged the attitude itself tells how it turns. What is left out is added to the notes.
     """
-    if "vehicle_attitude" not in topics:
+    if (topic := topics.get("vehicle_attitude")) is None:
         return None
-    topic = topics["vehicle_attitude"]
-    t = sampled(topic)
-    q = topic.array("q", range(4))
-    keep, t, q = attitudes(t, q)
+    keep, t, q = attitudes(sampled(topic), topic.array("q", range(4)))
     body, rates = topics.get("vehicle_angular_velocity"), None
     if body is not None:
         rates = np.nan_to_num(interpolated(t, sampled(body), body.array("xyz")))
@@ -100,12 +95,11 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
 
 def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
     """vehicle_local_position where it calls itself valid. What is left out is added to the notes."""
-    if "vehicle_local_position" not in topics:
+    if (topic := topics.get("vehicle_local_position")) is None:
         return None
-    topic = topics["vehicle_local_position"]
-    t = sampled(topic)
     position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
-    return samples.position_track("vehicle_local_position", t, position, velocity, _is_valid(topic), notes)
+    good = _is_valid(topic)
+    return samples.position_track("vehicle_local_position", sampled(topic), position, velocity, good, notes)
 
 
 def _is_valid(topic: Topic) -> BoolArray:
@@ -147,11 +141,9 @@ def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:
     Position by the cubic of position and velocity, about `origin` where both know their place on Earth; NaN where the
     log does not tell it.
     """
-    if "vehicle_attitude_groundtruth" not in topics:
+    if (topic := topics.get("vehicle_attitude_groundtruth")) is None:
         return None
-    topic = topics["vehicle_attitude_groundtruth"]
-    t, q = sampled(topic), topic.array("q", range(4))
-    _, t, q = attitudes(t, q)
+    _, t, q = attitudes(sampled(topic), topic.array("q", range(4)))
     if not len(t):
         return None
     place = topics.get("vehicle_local_position_groundtruth")
