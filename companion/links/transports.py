@@ -214,7 +214,6 @@ class TcpPort:
     place."""
 
     def __init__(self, address: Address) -> None:
-        self._address = address
         self._listener: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._rest = b""  # of a message that the kernel has taken a part of
