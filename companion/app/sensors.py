@@ -114,15 +114,11 @@ def imu_model_text(noise: ImuNoise, origin: str) -> str:
 
 
 def _figure_lines(figure: _Figure, given: ModelFigure | None) -> list[str]:
-    value, kind, source = figure.value, figure.kind, figure.source
     if given is not None and given.measured:
-        value, kind, source = float(f"{given.value / _SI[figure.unit]:.4g}"), "measured", given.source
-    return [
-        f"value = {value}",
-        f"unit = {_quoted(figure.unit)}",
-        f"kind = {_quoted(kind)}",
-        f"source = {_quoted(source)}",
-    ]
+        value = float(f"{given.value / _SI[figure.unit]:.4g}")
+        figure = msgspec.structs.replace(figure, value=value, kind="measured", source=given.source)
+    words = (f"{name} = {_quoted(getattr(figure, name))}" for name in ("unit", "kind", "source"))
+    return [f"value = {figure.value}", *words]
 
 
 def _quoted(text: str) -> str:

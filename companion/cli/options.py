@@ -121,19 +121,13 @@ def _end(number: int, _frame: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
 
 
-_SETTABLE = (
-    ("log", "dialect", "dialect"),
-    ("log", "max_size_gb", "max_size"),
-    ("integration", "method", "method"),
-    ("integration", "middle", "middle"),
-    ("drift", "horizons_s", "horizons"),
-    ("view", "host", "host"),
-    ("view", "port", "port"),
-    ("view", "token", "token"),
-    ("view", "reanchor_s", "reanchor_s"),
-    ("view", "map_url", "map_url"),
-)
-"""Options that are settings too: section, key, name of the option."""
+_SETTABLE = {
+    "log": ("dialect", "max_size_gb"),
+    "integration": ("method", "middle"),
+    "drift": ("horizons_s",),
+    "view": ("host", "port", "token", "reanchor_s", "map_url"),
+}
+"""Section → those of its keys that are options too."""
 
 
 _PAGE_BYTES = 256
@@ -160,16 +154,14 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     """The settings file with the command line's options put over it. Raises SettingsError for one out of range."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}
     merged = msgspec.to_builtins(load_settings(arguments.config))
-    for section, name, option in _SETTABLE:
-        if option in given:
-            merged[section][name] = given[option]
+    for section, names in _SETTABLE.items():
+        merged[section] |= {name: given[name] for name in names if name in given}
     try:
         settings = msgspec.convert(merged, Settings)
     except msgspec.ValidationError as error:
         reason, _, where = str(error).partition(" - at `$.")
-        section, _, name = where.rstrip("`").partition(".")
-        option = next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n)
-        option = option.removesuffix("_s").replace("_", "-")
+        name = where.rstrip("`").partition(".")[2].partition("[")[0]
+        option = name.removesuffix("_s").removesuffix("_gb").replace("_", "-")
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
     method = settings.integration.method
     if "middle" in given and not METHODS[method].looks_inside:
@@ -371,6 +363,7 @@ SHARED: Mapping[str, Mapping[str, Any]] = {
     "--config": {"metavar": "FILE", "help": "settings file; config/default.toml describes every key"},
     "--dialect": {"metavar": "NAME", "help": "MAVLink dialect (default: ardupilotmega)"},
     "--max-size": {
+        "dest": "max_size_gb",
         "type": float,
         "metavar": "GB",
         "help": "the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
@@ -394,7 +387,12 @@ SHARED: Mapping[str, Mapping[str, Any]] = {
         "help": "part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
     },
     "--correction": {"metavar": "FILE", "help": "take the errors out that companion calibrate found"},
-    "--horizons": {"type": _horizons, "metavar": "S,S,...", "help": "seconds (default: 1,2,5,10,30)"},
+    "--horizons": {
+        "dest": "horizons_s",
+        "type": _horizons,
+        "metavar": "S,S,...",
+        "help": "seconds (default: 1,2,5,10,30)",
+    },
     "--reanchor": {
         "dest": "reanchor_s",
         "type": float,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 import shlex
 import sys
 import webbrowser
@@ -17,7 +16,7 @@ from companion.app.examination import assess_imu, examine, examined_or_not, unex
 from companion.cli import options, tables
 from companion.comparison import Replay, ape
 from companion.documents import analysis_document, encode, incident_document, series_document
-from companion.export import FORMATS, Contents, assessed_replay, harmless, listed, thinned
+from companion.export import FORMATS, Contents, assessed_replay, csv_cell, listed, thinned
 from companion.export import tables as tables_of
 from companion.model import DataError, SettingsError, counted, nearest_word
 from companion.present import incident_markdown
@@ -126,13 +125,8 @@ def run_series(arguments: argparse.Namespace) -> int:
         columns = series["columns"]
         rows = csv.writer(sys.stdout, lineterminator="\n")
         rows.writerow(column["name"] for column in columns)
-        rows.writerows(map(_cell, row) for row in zip(*(column["values"] for column in columns), strict=True))
+        rows.writerows(map(csv_cell, row) for row in zip(*(column["values"] for column in columns), strict=True))
     return 0
-
-
-def _cell(value: float | str) -> float | str:
-    """As the CSV of `companion export` has it."""
-    return harmless(value) if isinstance(value, str) else "" if math.isnan(value) else value
 
 
 def report_options(parser: options.Parser) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from companion.comparison import ImuSpec, SensorSpec
 from companion.links import Address, Port, open_port, parse_address, play
 from companion.logs import log_format
 from companion.mavlink import load_dialect
-from companion.model import DataError, InputError, SettingsError
+from companion.model import DataError, Flight, InputError, SettingsError
 from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
 from companion.strapdown import ImuModel, Sensor
 
@@ -185,7 +185,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
     path = options.log_path(arguments)
     if log_format(path) != "mavlink":
         raise InputError(f"{path} is not a telemetry log: only a .tlog holds packets that can be sent again.")
-    senders = None if arguments.everybody else _vehicles(arguments, path)
+    senders = None if arguments.everybody else _autopilots(options.read(arguments, settings).flights, path)
     with contextlib.closing(open_port(address)) as port, live.until_signal() as ended:
         _wait(port, address, ended)
         options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
@@ -201,13 +201,11 @@ def run_replay(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
-    """The autopilots in the log. Not their companion computers: those send commands to an autopilot."""
-    vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
-    autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
-    if not autopilots:
+def _autopilots(flights: Sequence[Flight], path: Path) -> set[tuple[int, int]]:
+    """Those in the log. Not their companion computers: those send commands to an autopilot."""
+    if not flights:
         raise DataError(f"no vehicle found in {path}. To send the messages of others: --everybody.")
-    return autopilots
+    return {(flight.vehicle.sysid, flight.vehicle.compid) for flight in flights}
 
 
 def _wait(port: Port, address: Address, ended: Callable[[], bool]) -> None:

@@ -13,6 +13,7 @@ from companion.export.table import (
     Contents,
     Format,
     Table,
+    csv_cell,
     harmless,
     listed,
     series_name,

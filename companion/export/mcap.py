@@ -161,12 +161,6 @@ _MAV_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
 """MAV_SEVERITY 0 emergency ... 7 debug → foxglove.LogLevel."""
 
 
-def _series_schema(name: str, columns: Sequence[str]) -> JsonSchema:
-    """The schema of a table of numbers: one property a column, null where the vehicle does not know."""
-    numbers: Mapping[str, JsonSchema] = {column: {"type": ["number", "null"]} for column in columns}
-    return _object(f"companion.{name}", timestamp=_TIME, **numbers)
-
-
 def poses(frame_id: str, position: Array, q: Array) -> Iterator[Message]:
     """PoseInFrame without its time."""
     for p, r in zip(_vectors(position), _quaternions(q), strict=True):
@@ -292,7 +286,8 @@ def _series(flight: Flight, table: Table) -> Channel:
     columns = [column for column in table if column.name not in ("t_s", "unix_s")]
     names = [column.name for column in columns]
     rows = zip(*(column.values.tolist() for column in columns), strict=True)
-    schema = _series_schema(table.name, names)
+    number_or_unknown: JsonSchema = {"type": ["number", "null"]}
+    schema = _object(f"companion.{table.name}", timestamp=_TIME, **dict.fromkeys(names, number_or_unknown))
     messages = (dict(zip(names, row, strict=True)) for row in rows)
     return _channel(flight, f"/{table.name}", schema, table["t_s"], messages)
 

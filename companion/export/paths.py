@@ -6,7 +6,6 @@ KML is what Google Earth and QGIS read. evo reads `timestamp x y z qx qy qz qw`,
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TextIO
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -103,17 +102,13 @@ def write_tum(folder: Path, flight: Flight, shown: Replay, best: BestEstimate | 
 
     And best.tum where there is a best estimate, at every sample of its IMU.
     """
-    known = shown.reference_valid
-    paths = []
+    known, paths = shown.reference_valid, []
     for name, what, q, position in (
         ("autopilot", "the autopilot's estimate", shown.q_ref, shown.position_ref),
         ("imu", "the IMU alone, from the autopilot's state at each anchor", shown.q_imu, shown.position_imu),
     ):
-        path = folder / f"{name}.tum"
-        with path.open("w", encoding="utf-8", newline="\n") as file:
-            _head(file, flight, f"{what}, {len(shown.anchors)} anchors", shown.has_position)
-            np.savetxt(file, _rows(shown.t, q, position)[known], fmt="%.9f")
-        paths.append(path)
+        about, place = f"{what}, {len(shown.anchors)} anchors", position[known] if shown.has_position else None
+        paths.append(_write_poses(folder / f"{name}.tum", flight, about, shown.t[known], q[known], place))
     if best is not None:
         paths.append(write_estimate_tum(folder / "best.tum", flight, best))
     return paths
@@ -123,24 +118,25 @@ def write_estimate_tum(path: Path, flight: Flight, best: BestEstimate) -> Path:
     """The best estimate, carried to every sample of its IMU."""
     t = best.imu.t
     q, _, position = best.at(t)
-    has_position = "gps_position" in best.residuals
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        _head(file, flight, f"best estimate from {', '.join([best.imu.source, *best.residuals])}", has_position)
-        np.savetxt(file, _rows(t, q, position if has_position else np.zeros_like(position)), fmt="%.9f")
-    return path
+    about = f"best estimate from {', '.join([best.imu.source, *best.residuals])}"
+    return _write_poses(path, flight, about, t, q, position if "gps_position" in best.residuals else None)
 
 
-def _head(file: TextIO, flight: Flight, what: str, has_position: bool) -> None:
+def _write_poses(path: Path, flight: Flight, about: str, t: Array, q: Array, position: Array | None) -> Path:
+    """A pose a line, under a head that says what the columns are. position: None where it is not known."""
     epoch = f"add {flight.epoch.unix_s:.6f} for UNIX time" if flight.epoch else "the date is unknown"
-    file.write(f"# {what}; vehicle {flight.vehicle}, boot {flight.boot}\n")
-    file.write(f"# t: s of the vehicle's boot clock ({epoch})\n")
-    file.write("# x y z: north, east, down, m; qx qy qz qw: Hamilton, turns FRD (forward, right, down) into NED\n")
-    if not has_position:
-        file.write("# the log has no position: x y z are 0 throughout, only the attitudes mean something\n")
-
-
-def _rows(t: Array, q: Array, position: Array) -> Array:
-    return np.column_stack([t, position, np.roll(q, -1, axis=1)])  # scalar last
+    head = [
+        f"{about}; vehicle {flight.vehicle}, boot {flight.boot}",
+        f"t: s of the vehicle's boot clock ({epoch})",
+        "x y z: north, east, down, m; qx qy qz qw: Hamilton, turns FRD (forward, right, down) into NED",
+    ]
+    if position is None:
+        head.append("the log has no position: x y z are 0 throughout, only the attitudes mean something")
+    place = np.zeros((len(t), 3)) if position is None else position
+    rows = np.column_stack([t, place, np.roll(q, -1, axis=1)])  # scalar last
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        np.savetxt(file, rows, fmt="%.9f", header="\n".join(head))
+    return path
 
 
 FORMATS = (

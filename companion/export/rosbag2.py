@@ -27,12 +27,10 @@ from companion.model import Array, Flight, GpsTrack, interpolated
 from companion.strapdown import quaternion
 from companion.verdict import Assessment
 
-_TIME = "int32 sec\nuint32 nanosec"
-_HEADER = "builtin_interfaces/Time stamp\nstring frame_id"
 _XYZ = "float64 x\nfloat64 y\nfloat64 z"
 _PARTS = {
-    "std_msgs/Header": _HEADER,
-    "builtin_interfaces/Time": _TIME,
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "geometry_msgs/Vector3": _XYZ,
     "geometry_msgs/Point": _XYZ,
     "geometry_msgs/Quaternion": f"{_XYZ}\nfloat64 w",

@@ -6,6 +6,7 @@ And what a format is that writes such tables.
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -129,6 +130,11 @@ def harmless(text: str) -> str:
     return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
 
 
+def csv_cell(value: float | str) -> float | str:
+    """A value as CSV has it: empty for a number that does not exist."""
+    return harmless(value) if isinstance(value, str) else "" if math.isnan(value) else value
+
+
 def _safe(values: Values) -> Values:
     return np.array(list(map(harmless, values.tolist()))) if values.dtype.kind == "U" and len(values) else values
 
@@ -238,7 +244,8 @@ def write_csv(folder: Path, tables: Mapping[str, Table]) -> list[Path]:
         with path.open("w", encoding="utf-8", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(column.name for column in table)
-            rows.writerows(zip(*(_cells(column) for column in table), strict=True))
+            columns = (map(csv_cell, column.values.tolist()) for column in table)
+            rows.writerows(zip(*columns, strict=True))
         paths.append(path)
     return paths
 
@@ -266,15 +273,6 @@ def write_json(path: Path, analysis: Mapping[str, Any], tables: Mapping[str, Tab
     }
     path.write_bytes(msgspec.json.encode({**analysis, "tracks": tracks}))
     return [path]
-
-
-def _cells(column: Column) -> list[Any]:
-    values: list[Any] = column.values.tolist()
-    if column.values.dtype.kind == "f":
-        return ["" if np.isnan(value) else value for value in values]
-    if column.values.dtype.kind == "U":
-        return list(map(harmless, values))
-    return values
 
 
 FORMATS = (

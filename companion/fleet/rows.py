@@ -40,10 +40,18 @@ def status_of(flight: Row) -> str:
 
 JUDGED_S = 5.0  # the horizon that verdicts are made at
 _XYZ = ("_x", "_y", "_z")
-_FITTED = (
-    ("gyro_bias", "radps", _XYZ), ("accel_bias", "mps2", _XYZ), ("mounting", "rad", _XYZ), ("time_offset", "s", ("",)),
-)  # fmt: skip
-"""Parts of a calibration that have columns: their unit and axes, as they stand in the names."""
+_FITTED = {
+    f"{name}{axis}{ending}": (f"{name}_{unit}", statistic, i, kind)
+    for name, unit, axes in (
+        ("gyro_bias", "radps", _XYZ), ("accel_bias", "mps2", _XYZ), ("mounting", "rad", _XYZ),
+        ("time_offset", "s", ("",)),
+    )
+    for i, axis in enumerate(axes)
+    for statistic, ending, kind in (
+        ("value", f"_{unit}", "float"), ("sigma", f"_sigma_{unit}", "float"), ("observable", "_observable", "bool")
+    )
+}  # fmt: skip
+"""Column of a fitted parameter → part, statistic and place of it in a calibration's document, and the column's kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +174,7 @@ def _calibration(flight: FlightRecord, analysis: Document) -> Iterator[Row]:
     fit, imu = analysis["calibration"], analysis["used_imu"]
     if fit is None or imu is None:
         return
-    row: Row = {
+    yield {
         "board": flight.board,
         "date_s": flight.date_s,
         "imu": imu,
@@ -174,14 +182,8 @@ def _calibration(flight: FlightRecord, analysis: Document) -> Iterator[Row]:
         "accel_id": flight.accel_ids.get(imu),
         "temperature_degc": flight.temperatures_degc.get(imu),
         "windows": fit["windows"],
+        **{column: fit[part][statistic][i] for column, (part, statistic, i, _) in _FITTED.items()},
     }
-    for name, unit, axes in _FITTED:
-        part = fit[f"{name}_{unit}"]
-        for i, axis in enumerate(axes):
-            row[f"{name}{axis}_{unit}"] = part["value"][i]
-            row[f"{name}{axis}_sigma_{unit}"] = part["sigma"][i]
-            row[f"{name}{axis}_observable"] = part["observable"][i]
-    yield row
 
 
 def _preflight(flight: FlightRecord) -> Iterator[Row]:
@@ -203,12 +205,6 @@ def _drift_ratio(analysis: Document) -> float | None:
 
 
 _KEY = {"log": "string", "vehicle": "string", "boot": "int"}
-_OBSERVED = {
-    f"{name}{axis}{part}": kind
-    for name, unit, axes in _FITTED
-    for axis in axes
-    for part, kind in ((f"_{unit}", "float"), (f"_sigma_{unit}", "float"), ("_observable", "bool"))
-}
 _SPREAD = {quantity.column(statistic): "float" for quantity in QUANTITIES for statistic in (*STATISTICS, "expected")}
 
 COLUMNS: Mapping[str, Mapping[str, str]] = {
@@ -232,7 +228,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     "calibration": {
         **_KEY,
         "date_s": "date", "board": "string", "imu": "string", "gyro_id": "int", "accel_id": "int",
-        "temperature_degc": "float", "windows": "int", **_OBSERVED,
+        "temperature_degc": "float", "windows": "int", **{column: kind for column, (*_, kind) in _FITTED.items()},
     },
     "preflight": {
         **_KEY,

@@ -104,10 +104,19 @@ def announce(text: str, *, alarm: bool) -> Request:
     return Request(ANNOUNCEMENT, {"severity": severity, "text": f"companion: {text}".encode("ascii", "replace")[:50]})
 
 
-def results(acknowledgements: Messages, command: int, own_sysid: int) -> list[int]:
-    """MAV_RESULT of each COMMAND_ACK that answers a command of ours; older firmware does not say to whom it answers."""
-    mine = np.isin(acknowledgements["target_system"], (0, own_sysid)) & (acknowledgements["command"] == command)
-    return [int(result) for result in acknowledgements["result"][mine]]
+def interval_results(messages: Mapping[str, Messages], own_sysid: int) -> list[int]:
+    """MAV_RESULT of each COMMAND_ACK to a `set_interval` of ours; older firmware does not say to whom it answers."""
+    if (acks := messages.get("COMMAND_ACK")) is None:
+        return []
+    mine = np.isin(acks["target_system"], (0, own_sysid)) & (acks["command"] == SET_MESSAGE_INTERVAL)
+    return [int(result) for result in acks["result"][mine]]
+
+
+def intervals(messages: Mapping[str, Messages]) -> list[tuple[int, int]]:
+    """Message id and interval, µs, of each MESSAGE_INTERVAL."""
+    if (answers := messages.get("MESSAGE_INTERVAL")) is None:
+        return []
+    return list(zip(answers["message_id"].tolist(), answers["interval_us"].tolist(), strict=True))
 
 
 def _command(target: Target, command: int, *parameters: float) -> Request:

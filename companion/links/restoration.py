@@ -196,16 +196,13 @@ class Restoration:
     def receive(self, messages: Mapping[str, Messages], own_sysid: int) -> None:
         """Take what the vehicle sent after a request."""
         self._streams.clear()  # nobody acknowledges a stream: that the vehicle is received has to do
-        if "MESSAGE_INTERVAL" in messages:
+        for message_id, us in requests.intervals(messages):
             self._answers = True
-            answers = messages["MESSAGE_INTERVAL"]
-            for number, us in zip(answers["message_id"].tolist(), answers["interval_us"].tolist(), strict=True):
-                self._messages = {
-                    name: one for name, one in self._messages.items() if one.id != number or not one.is_as_before(us)
-                }
-        if "COMMAND_ACK" in messages:
-            results = requests.results(messages["COMMAND_ACK"], requests.SET_MESSAGE_INTERVAL, own_sysid)
-            self._answers = self._answers or bool(results)
+            self._messages = {
+                name: one for name, one in self._messages.items() if one.id != message_id or not one.is_as_before(us)
+            }
+        if results := requests.interval_results(messages, own_sysid):
+            self._answers = True
             self._unacknowledged -= results.count(requests.ACCEPTED)
             if self._unacknowledged == 0:  # which confirms what no MESSAGE_INTERVAL tells
                 self._messages = {name: one for name, one in self._messages.items() if one.before.found_us is not None}

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 from companion.links import request_table, requests
 from companion.links.request_table import STREAMS, RequestState, StreamRequest, slower
-from companion.links.requests import Request, Target, results
+from companion.links.requests import Request, Target
 from companion.links.restoration import NOT_SENT, OriginalRate, OriginalRatesFile, Restoration, is_same
 from companion.links.vehicles import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
@@ -90,7 +90,12 @@ class StreamManager:
             return None
         started = self._notice_reboot(messages, now)
         self._facts.receive(messages)
-        self._take_answers(messages, now)
+        for result in requests.interval_results(messages, self._own):
+            self._answers = True
+            self._answered(result, now)
+        for message_id, interval_us in requests.intervals(messages):
+            self._answers = True
+            self._take_interval(message_id, interval_us, now)
         for message in self.stream_requests:
             if message.name in messages:
                 message.count += len(messages[message.name])
@@ -183,17 +188,6 @@ class StreamManager:
         """A stream carries several messages: the fastest of them says how often."""
         members = (one for one in self.stream_requests if one.by_stream and STREAMS[one.name] == stream)
         return requests.request_stream(self.target, stream, round(max(one.requested_hz for one in members)))
-
-    def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
-        if "COMMAND_ACK" in messages:
-            for result in results(messages["COMMAND_ACK"], requests.SET_MESSAGE_INTERVAL, self._own):
-                self._answers = True
-                self._answered(result, now)
-        if "MESSAGE_INTERVAL" in messages:
-            self._answers = True
-            answers = messages["MESSAGE_INTERVAL"]
-            for number, interval in zip(answers["message_id"].tolist(), answers["interval_us"].tolist(), strict=True):
-                self._take_interval(number, interval, now)
 
     def _take_interval(self, number: int, interval: int, now: float) -> None:
         for message in self.stream_requests:

@@ -214,7 +214,6 @@ class TcpPort:
     place."""
 
     def __init__(self, address: Address) -> None:
-        self._address = address
         self._listener: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._rest = b""  # of a message that the kernel has taken a part of
@@ -415,11 +414,14 @@ class SerialPort:
         except self._library.SerialTimeoutException:  # the line is full; a request is sent again
             return False
         except OSError:
-            self._lose()
+            self.close()
         return self._serial is not None
 
     def close(self) -> None:
-        self._lose()
+        if self._serial is not None:
+            with contextlib.suppress(OSError):  # it has gone already
+                self._serial.close()
+            self._serial = None
 
     def _open(self) -> Any:
         return self._library.Serial(
@@ -434,14 +436,8 @@ class SerialPort:
             count = self._serial.in_waiting if count is None else count
             return bytes(self._serial.read(count)) if count else b""
         except (OSError, TypeError):  # TypeError: pyserial's file descriptor became None under it
-            self._lose()
+            self.close()
             return b""
-
-    def _lose(self) -> None:
-        if self._serial is not None:
-            with contextlib.suppress(OSError):  # it has gone already
-                self._serial.close()
-            self._serial = None
 
 
 def _why_not(address: Address, error: OSError | ValueError) -> str:

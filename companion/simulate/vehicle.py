@@ -53,14 +53,6 @@ _COMPASS = ("xmag", "ymag", "zmag")
 _ANGLES, _RATES = ("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed")
 _QUATERNION = ("q1", "q2", "q3", "q4")
 
-_STREAMS = {
-    "RAW_IMU": 27, "SCALED_IMU": 26, "SCALED_IMU2": 116, "HIGHRES_IMU": 105, "ATTITUDE": 30,
-    "ATTITUDE_QUATERNION": 31, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "SYS_STATUS": 1, "SIM_STATE": 108,
-    "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29, "VIBRATION": 241, "EKF_STATUS_REPORT": 193, "ESTIMATOR_STATUS": 230,
-    "EXTENDED_SYS_STATE": 245, "ODOMETRY": 331, "GPS2_RAW": 124, "SCALED_IMU3": 129, "ATTITUDE_TARGET": 83,
-}  # fmt: skip
-"""Messages that can be requested → their ids."""
-
 
 def _payloads(layout: MessageLayout, flown: Flown, index: _Steps, boot_us: _Steps) -> list[bytes]:
     """The payloads of one message at loop steps `index` (N,), `boot_us` (N,) µs after boot: as on the wire, untrimmed.
@@ -144,10 +136,10 @@ _FIELDS: Mapping[str, Callable[[Flown, _Steps, _Steps], _Fields]] = {
     "ATTITUDE_QUATERNION": lambda f, i, _: _columns((*_QUATERNION, *_RATES), f.q_ned_frd[i], f.rates[i]),
     "LOCAL_POSITION_NED": lambda f, i, _: _columns(("x", "y", "z", "vx", "vy", "vz"), f.position[i], f.velocity[i]),
     "GLOBAL_POSITION_INT": _global,
+    "SYS_STATUS": lambda *_: {"load": 250, "voltage_battery": 12_600, "battery_remaining": 80},
+    "SIM_STATE": _truth,
     "GPS_RAW_INT": _fix,
     "SCALED_PRESSURE": lambda f, i, _: {"press_abs": pressure(f.aiding.height[i]) / _HPA, "temperature": _MILD},
-    "SIM_STATE": _truth,
-    "SYS_STATUS": lambda *_: {"load": 250, "voltage_battery": 12_600, "battery_remaining": 80},
     "VIBRATION": lambda *_: dict.fromkeys(("vibration_x", "vibration_y", "vibration_z"), 1),
     "EKF_STATUS_REPORT": _ratios("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"),
     "ESTIMATOR_STATUS": _ratios("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
@@ -250,8 +242,12 @@ _GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 _UNSUPPORTED = 3  # MAV_RESULT
 _CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 _REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
+_NO_SENSOR = ("GPS2_RAW", "SCALED_IMU3", "ATTITUDE_TARGET")
+"""Messages that both autopilots promise, and do not send without the sensor (or, here, a controller)."""
+_STREAMS = (*_FIELDS, *_NO_SENSOR)
+"""Messages that can be requested."""
 _GROUPS = {
-    0: tuple(_STREAMS),
+    0: _STREAMS,
     1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE"),
     2: ("SYS_STATUS", "GPS_RAW_INT", "GPS2_RAW"),
     6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
@@ -260,13 +256,10 @@ _GROUPS = {
 }
 """MAV_DATA_STREAM → messages, as ArduPilot groups them: ALL, RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1, 3."""
 
-_BY_ID = {number: name for name, number in _STREAMS.items()}
 _WITHOUT = {
     "ardupilot": {"SCALED_IMU", "ESTIMATOR_STATUS", "ODOMETRY"},
     "px4": {"RAW_IMU", "SCALED_IMU2", "EKF_STATUS_REPORT"},
 }
-_NO_SENSOR = frozenset({"SCALED_IMU3", "GPS2_RAW", "ATTITUDE_TARGET"})
-"""Messages that both autopilots promise, and do not send without the sensor (or, here, a controller)."""
 _HEARTBEAT_US = 1_000_000
 _MODE, _ARMED = 81, 128  # MAV_MODE_FLAG: manual input, stabilised, custom mode; armed
 _AHEAD = 256  # messages whose payloads are made at a time, as arrays
@@ -311,7 +304,7 @@ class SimulatedVehicle:
         self._default = {name: round(1e6 / rates[name]) if name in rates else 0 for name in known}
         if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
             self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
-        self._silent = faults.never | _NO_SENSOR | (_WITHOUT["px4"] if autopilot == "px4" else set())
+        self._silent = faults.never.union(_NO_SENSOR, _WITHOUT["px4"] if autopilot == "px4" else ())
         self._channel = Channel(faults, seed)
         self._events = sorted([*((t, "reboot") for t in faults.reboot), *((t, "down") for t in faults.turned_down)])
         self._step = 0  # of the flight, the next to be done
@@ -444,7 +437,8 @@ class SimulatedVehicle:
             self._command(int(message["command"]), *(float(message[f"param{i}"]) for i in (1, 2, 3)))
 
     def _command(self, command: int, first: float, second: float, third: float) -> None:
-        name = _BY_ID.get(int(first), "")
+        requested = self._dialect.by_id.get(int(first))
+        name = requested.name if requested else ""
         result = _ACCEPTED
         if command == _GET_INTERVAL:
             self._send("MESSAGE_INTERVAL", message_id=int(first), interval_us=self._intervals.get(name))

@@ -29,16 +29,11 @@ class Attachment:
         self._failure: BaseException | None = None
         self.restored = True  # after `close`: whether the vehicle has confirmed that its intervals are as before
         self._said: deque[str] = deque()
-        self._report = session.report()
+        self.report: Report = session.report()  # how the session stands, a quarter of a second ago at most
         self._arrived = threading.Event()
         session.listen(self._take)
         self._thread = threading.Thread(target=self._run, name="companion-link", daemon=True)
         self._thread.start()
-
-    @property
-    def report(self) -> Report:
-        """How the session stands, a quarter of a second ago at most."""
-        return self._report
 
     @property
     def alive(self) -> bool:
@@ -97,4 +92,4 @@ class Attachment:
     def _tell(self) -> None:
         self._said.extend(self._session.reported)
         self._session.reported.clear()
-        self._report = self._session.report()
+        self.report = self._session.report()
