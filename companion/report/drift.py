@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor
+from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor, length
 from companion.estimation import BestEstimate
 from companion.installation import missing
 from companion.model import Array, DataError, Flight, InputError
@@ -25,7 +25,7 @@ from companion.present import (
     words,
 )
 from companion.report import traces
-from companion.report.html_page import laid_out
+from companion.report.html_page import height_px, laid_out
 from companion.report.subject import Subject
 from companion.report.traces import ground_track, paths_of, regained
 from companion.verdict import Assessment
@@ -58,11 +58,10 @@ def drift(subject: Subject) -> str:
     if not any(row.windows for row in drift.rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
         return "".join(map(paragraph, (reason, *excluded)))
-    figure, count = drift_chart(drift, expected)
     caption = (
         "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
     )
-    chart = subject.charts.add(figure, caption, rows=count)
+    chart = subject.charts.add(drift_chart(drift, expected), caption)
     has_position = subject.comparison.has_position
     if not has_position:
         chart += paragraph("This flight has no position: attitude alone is compared.")
@@ -101,9 +100,7 @@ def budget(subject: Subject) -> str:
     figure = traces.stack(panels, "seconds on the IMU alone", type="category")
     figure["layout"] |= {"barmode": "stack", "bargap": 0.35, "hovermode": "closest"}
     chart = subject.charts.add(
-        figure,
-        "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
-        rows=len(panels),
+        figure, "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn."
     )
     spec, noise = assessment.imu_spec, assessment.measured_noise
     lines = [f"IMU noise model: {spec.name} ({spec.reason})."]
@@ -130,8 +127,8 @@ def _shares(shares: Mapping[str, Mapping[str, Mapping[str, float]]], names: list
     )
 
 
-def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> tuple[traces.Figure, int]:
-    """Each error against the seconds on the IMU alone, both axes logarithmic, and the number of panels."""
+def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> traces.Figure:
+    """Each error against the seconds on the IMU alone, both axes logarithmic."""
     panels = [
         traces.Panel(quantity.title, curves, {"type": "log", "dtick": 1})
         for quantity in QUANTITIES
@@ -139,8 +136,7 @@ def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> tuple
     ]
     ticks = [row.horizon_s for row in drift.rows]
     named = [f"{horizon:g}" for horizon in ticks]
-    figure = traces.stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=named)
-    return figure, len(panels)
+    return traces.stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=named)
 
 
 def _curves(drift: Drift, expected: Sequence[Expected | None], attribute: str) -> list[traces.Trace]:
@@ -198,7 +194,7 @@ def errors(subject: Subject) -> str:
     )
     caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
-    return note + subject.charts.add(figure, caption, rows=len(panels))
+    return note + subject.charts.add(figure, caption)
 
 
 def _anew(shown: Replay, period: float) -> str:
@@ -214,16 +210,16 @@ def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rg
     """
     sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
-    measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
+    measured = [("attitude", "°", length(degrees))]
     if shown.has_position:
-        measured.append(("velocity", "m/s", np.linalg.norm(shown.velocity_error, axis=1)))
-        measured.append(("position", "m", np.linalg.norm(shown.position_error, axis=1)))
+        measured.append(("velocity", "m/s", length(shown.velocity_error)))
+        measured.append(("position", "m", length(shown.position_error)))
     panels = []
     for i, (name, unit, error) in enumerate(measured):
         drawn = [] if expected is None or sigma is None else _envelope(expected.t, sigma[i])
         drawn.append(traces.line(shown.t, error, "IMU from autopilot", colour, breaks=regained(shown)))
         panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i])))
-    horizontal = np.linalg.norm(degrees[:, :2], axis=1)
+    horizontal = length(degrees[:, :2])
     panels.insert(
         1,
         traces.Panel(
@@ -260,8 +256,7 @@ def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
     expected = None
     if assessment is not None:
         expected = expected_since_anchor(assessment.comparison, assessment.imu_spec, assessment.autopilot, shown)
-    panels = error_panels(shown, expected, palette.IMU)
-    return _figure(traces.stack(panels, traces.TIME), 60 + 190 * len(panels))
+    return _figure(traces.stack(error_panels(shown, expected, palette.IMU), traces.TIME))
 
 
 def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | None = None) -> Any:
@@ -272,20 +267,19 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
     paths = paths_of(flight, shown, palette.IMU, best)
     if not paths:
         raise DataError("This flight has no position: there is no path to draw.")
-    return _figure(ground_track(shown, paths), 600)
+    return _figure(ground_track(shown, paths)).update_layout(height=600)
 
 
 def plot_drift(table: Drift) -> Any:
     """The drift table: median, 95 % and worst of each error against the seconds on the IMU alone."""
     if not any(row.windows for row in table.rows):
         raise InputError("No window of this table could be used: there is nothing to draw.")
-    figure, count = drift_chart(table)
-    return _figure(figure, 60 + 190 * count)
+    return _figure(drift_chart(table))
 
 
-def _figure(figure: Any, height: int) -> Any:
+def _figure(figure: Any) -> Any:
     try:
         from plotly import graph_objects  # noqa: PLC0415  (an extra)
     except ImportError:
         raise missing("report", "charts need plotly") from None
-    return graph_objects.Figure(laid_out(figure)).update_layout(height=height)
+    return graph_objects.Figure(laid_out(figure)).update_layout(height=height_px(figure))

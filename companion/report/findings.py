@@ -29,7 +29,7 @@ from companion.present import (
 )
 from companion.report import traces
 from companion.report.html_page import Section
-from companion.report.subject import AXES, Subject
+from companion.report.subject import Subject
 from companion.strapdown import quaternion
 from companion.verdict import Finding, Lanes, Verdict, by_severity
 
@@ -88,7 +88,7 @@ def _drawn(subject: Subject, group: FindingGroup) -> str:
         if panels:
             spans = [] if subject.is_throughout(finding) else [(finding.start_s, finding.end_s)]
             figure = traces.stack(panels, traces.TIME, spans=spans, range=list(around))
-            chart = subject.charts.add(figure, caption, rows=len(panels))
+            chart = subject.charts.add(figure, caption)
     return _article(group, chart)
 
 
@@ -111,10 +111,10 @@ def _readings(subject: Subject, kind: str, low: float, high: float) -> list[trac
     """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
-    breaks = traces.gaps(track.t[part], subject.longest_step)
+    t, breaks = track.t[part], traces.gaps(track.t[part], subject.longest_step)
     both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
-    named = [name for name in both if name in kind] or list(both)
-    return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]
+    named = [one for name, one in both.items() if name in kind] or both.values()
+    return [traces.Panel(title, traces.by_axis(t, values[part], breaks=breaks)) for title, values in named]
 
 
 def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel]:
@@ -134,7 +134,7 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
     shown = [("gyro off by, mrad/s", -1e3 * quaternion.rotate(back, off.attitude) / span)]
     if comparison.has_position:
         shown.append(("accel off by, m/s²", -quaternion.rotate(back, off.velocity) / span))
-    return [traces.Panel(title, _axes(middle[part], values[part], breaks)) for title, values in shown]
+    return [traces.Panel(title, traces.by_axis(middle[part], values[part], breaks=breaks)) for title, values in shown]
 
 
 def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
@@ -153,10 +153,8 @@ def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces
             ],
         )
 
-    imu, ref = quaternion.to_euler(shown.q_imu), quaternion.to_euler(shown.q_ref)
-    angles = [
-        both(f"{n}, °", _degrees(imu[:, i]), _degrees(ref[:, i])) for i, n in enumerate(("roll", "pitch", "heading"))
-    ]
+    imu, ref = traces.roll_pitch_heading(shown.q_imu), traces.roll_pitch_heading(shown.q_ref)
+    angles = [both(f"{name}, °", imu[:, i], ref[:, i]) for i, name in enumerate(("roll", "pitch", "heading"))]
     if "tilt" in kind:
         return angles[:2]
     if not shown.has_position or any(word in kind for word in ("heading", "compass", "declination")):
@@ -196,15 +194,6 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
         t[1:][part], np.diff(t)[part], subject.comparison.track.source, subject.colour, line={"shape": "vh"}
     )
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
-
-
-def _degrees(angle: Array) -> Array:
-    """Angles (N,) rad without steps at ±180°, °."""
-    return np.asarray(np.degrees(np.unwrap(angle)))
-
-
-def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:
-    return [traces.line(t, values[:, i], name, colour, breaks=breaks) for i, (name, colour) in enumerate(AXES)]
 
 
 def _between(t: Array, low: float, high: float) -> slice:
@@ -254,7 +243,7 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
         return ""
     spans = [(span.start_s, span.end_s) for span in lanes.spans[1:]]
     figure = traces.stack(panels, traces.TIME, spans=spans)
-    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.", rows=len(panels))
+    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.")
 
 
 def preflight_section(subject: Subject) -> list[Section]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion import present
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
@@ -103,7 +102,3 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     except DataError as error:
         noise = str(error)
     return Subject(examined, source, settings, charts, shown, why, expected, noise)
-
-
-AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))
-"""The body's axes and their colours."""
