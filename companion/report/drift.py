@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -82,25 +82,31 @@ def budget(subject: Subject) -> str:
     names = [quantity.name for quantity in QUANTITIES if any(quantity.name in of for of in shares.values())]
     causes = list(dict.fromkeys(cause for of in shares.values() for part in of.values() for cause in part))
     causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
+    percents = {c: {name: [100 * of[name].get(c, 0.0) for of in shares.values()] for name in names} for c in causes}
     panels = []
     for name in names:
         bars = [
             {
                 "type": "bar",
                 "x": list(shares),
-                "y": [100 * of[name].get(cause, 0.0) for of in shares.values()],
+                "y": of[name],
                 "name": words(cause),
                 "marker": {"color": _colour(cause)},
                 "hovertemplate": "%{y:.1f} %",
             }
-            for cause in causes
-            if any(of[n].get(cause, 0.0) > 0.01 for of in shares.values() for n in names)
+            for cause, of in percents.items()
+            if max(map(max, of.values())) > 1.0
         ]
         panels.append(traces.Panel(f"{name}, %", bars, {"range": [0, 100]}))
     figure = traces.stack(panels, "seconds on the IMU alone", type="category")
     figure["layout"] |= {"barmode": "stack", "bargap": 0.35, "hovermode": "closest"}
     chart = subject.charts.add(
         figure, "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn."
+    )
+    every = table(
+        ["cause", *(f"{name} {horizon}" for name in names for horizon in shares)],
+        [[words(c), *(f"{percent:.1f} %" for row in of.values() for percent in row)] for c, of in percents.items()],
+        name="shares-table",
     )
     spec, noise = assessment.imu_spec, assessment.measured_noise
     lines = [f"IMU noise model: {spec.name} ({spec.reason})."]
@@ -111,19 +117,7 @@ def budget(subject: Subject) -> str:
     return (
         "".join(map(paragraph, lines))
         + f"{chart}<h3>Windows inside their 95 % bound</h3>{html_table(agreement_table(assessment), 'inside-table')}"
-        + details("Every cause in numbers", _shares(shares, names, causes))
-    )
-
-
-def _shares(shares: Mapping[str, Mapping[str, Mapping[str, float]]], names: list[str], causes: list[str]) -> str:
-    """The share of each cause, as a table. shares: horizon → quantity → cause → part."""
-    return table(
-        ["cause", *(f"{name} {horizon}" for name in names for horizon in shares)],
-        [
-            [words(c), *(f"{100 * of[name].get(c, 0.0):.1f} %" for name in names for of in shares.values())]
-            for c in causes
-        ],
-        name="shares-table",
+        + details("Every cause in numbers", every)
     )
 
 
