@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from companion.app.examination import redundant_lanes
 from companion.app.sensors import preflight_of
-from companion.comparison import Replay, errors, phases, replay, windows
+from companion.comparison import Replay, errors, length, phases, replay, windows
 from companion.model import Array, CompanionError, DataError
 from companion.present import (
     FindingGroup,
@@ -144,29 +145,28 @@ def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces
         return []
     t, breaks = shown.t, shown.anchors
 
-    def both(title: str, imu: Array, autopilot: Array) -> traces.Panel:
-        return traces.Panel(
-            title,
-            [
-                traces.line(t, imu, "IMU alone", subject.colour, breaks=breaks),
-                traces.line(t, autopilot, "autopilot", palette.AUTOPILOT),
-            ],
-        )
+    def panels(names: Sequence[str], unit: str, imu: Array, autopilot: Array) -> list[traces.Panel]:
+        return [
+            traces.Panel(
+                f"{name}, {unit}",
+                [
+                    traces.line(t, own, "IMU alone", subject.colour, breaks=breaks),
+                    traces.line(t, other, "autopilot", palette.AUTOPILOT),
+                ],
+            )
+            for name, own, other in zip(names, imu.T, autopilot.T, strict=True)
+        ]
 
     imu, ref = traces.roll_pitch_heading(shown.q_imu), traces.roll_pitch_heading(shown.q_ref)
-    angles = [both(f"{name}, °", imu[:, i], ref[:, i]) for i, name in enumerate(("roll", "pitch", "heading"))]
+    angles = panels(("roll", "pitch", "heading"), "°", imu, ref)
     if "tilt" in kind:
         return angles[:2]
     if not shown.has_position or any(word in kind for word in ("heading", "compass", "declination")):
         return angles[2:]
     if "velocity" in kind:
-        pairs = zip(("north", "east", "down"), shown.velocity_imu.T, shown.velocity_ref.T, strict=True)
-        return [both(f"{name}, m/s", own, other) for name, own, other in pairs]
-    signs = (1, 1, -1)
-    places = [
-        both(f"{name}, m", sign * shown.position_imu[:, i], sign * shown.position_ref[:, i])
-        for i, (name, sign) in enumerate(zip(("north", "east", "height"), signs, strict=True))
-    ]
+        return panels(("north", "east", "down"), "m/s", shown.velocity_imu, shown.velocity_ref)
+    up = np.array((1.0, 1.0, -1.0))
+    places = panels(("north", "east", "height"), "m", up * shown.position_imu, up * shown.position_ref)
     return places[2:] if "height" in kind or "barometer" in kind else places
 
 
@@ -190,9 +190,7 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
     part = _between(t[1:], low, high)
     if part.stop - part.start < 2:
         return []
-    drawn = traces.line(
-        t[1:][part], np.diff(t)[part], subject.comparison.track.source, subject.colour, line={"shape": "vh"}
-    )
+    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.imu, subject.colour, line={"shape": "vh"})
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
 
 
@@ -234,7 +232,7 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
         for one, colour in zip(compared.lanes, colours, strict=False):
             known = one.known(quantity) & compared.judged
             if known.sum() > 1:
-                size = factor * np.linalg.norm(one.error[quantity][known], axis=1)
+                size = factor * length(one.error[quantity][known])
                 t = compared.t[known]
                 drawn.append(traces.line(t, size, text(one.lane.name), colour, breaks=traces.gaps(t)))
         if drawn:

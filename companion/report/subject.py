@@ -80,9 +80,9 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     assessment, flight = examined.assessment, examined.flight
     comparison = assessment.comparison
     track, how = comparison.track, comparison.how
-    shown, why = None, ""
+    shown, why, expected = None, "", None
     try:
-        shown = replay(
+        replayed = replay(
             flight.with_imu(track),
             imu=track.source,
             how=how,
@@ -91,12 +91,11 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
         )
     except CompanionError as error:
         why = str(error)
-    expected = None
-    if shown is not None:
+    else:
         # With the anchor that `companion view` adds where it opens, so that both have the same numbers.
-        display, horizon_s = display_trajectory(shown, track), first_horizon(settings.drift.horizons_s)
+        display, horizon_s = display_trajectory(replayed, track), first_horizon(settings.drift.horizons_s)
         result = analysed(flight, display, assessment, horizon_s, settings.view.reanchor_s or None)
-        shown, expected = result.replay or shown, result.expected
+        shown, expected = result.replay or replayed, result.expected
     try:
         noise: ImuNoise | str = imu_noise(flight, track.source, assessment.imu_spec, how.limits)
     except DataError as error:
