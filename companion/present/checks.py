@@ -134,7 +134,8 @@ def _plus_minus(value: float, sigma: float, factor: float) -> str:
     return f"{fixed(value * factor)} ± {fixed(sigma * factor)}"
 
 
-OUTCOMES = {"go": "go", "no_go": "NO-GO", "unknown": "cannot tell"}
+OUTCOMES = {"no_go": "NO-GO", "unknown": "cannot tell", "go": "go"}
+"""Outcome → in words, what is wrong first."""
 _UNITS = {"T": ("µT", 1e6), "rad/s/√Hz": ("mrad/s/√Hz", 1e3)}
 _COUNTED = ("gps_fix", "gps_satellites", "barometer_temperature")
 """Checks whose note has the number that people know."""
@@ -159,9 +160,8 @@ def preflight_table(result: Preflight, aged: Sequence[Ageing] = ()) -> Table:
     """A row for each check, what is wrong first; with what it was before, where that is known."""
     before = {(one.check.name, one.check.sensor): one for one in aged}
     titles = ["", "check", "sensor", "size", "limit", *(["before"] if aged else []), "the autopilot's own check"]
-    order = {"no_go": 0, "unknown": 1, "go": 2}
     rows = []
-    for one in sorted(result.checks, key=lambda c: order[c.outcome]):
+    for one in sorted(result.checks, key=lambda check: [*OUTCOMES].index(check.outcome)):
         cells = [OUTCOMES[one.outcome], capitalised(words(one.name)), one.sensor, *_size_and_limit(one)]
         if aged:
             cells.append(_before(one, before.get((one.name, one.sensor))))
@@ -190,7 +190,7 @@ def _before(one: Check, aged: Ageing | None) -> str:
     if aged is None or one.name in _COUNTED:
         return ""
     _, factor = _unit(one.unit)
-    shown = f"{fixed(aged.before * factor)} ± {fixed(aged.spread * factor)} ({aged.times})"
+    shown = f"{_plus_minus(aged.before, aged.spread, factor)} ({aged.times})"
     if one.uncorrected is not None:
         shown = f"{shown}, now {fixed(one.uncorrected * factor)} uncorrected"
     return f"{shown}: changed" if aged.changed else shown
