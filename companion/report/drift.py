@@ -202,28 +202,18 @@ def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rg
 
     expected: of them; None where it is not known.
     """
-    sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
-    measured = [("attitude", "°", length(degrees))]
-    if shown.has_position:
-        measured.append(("velocity", "m/s", length(shown.velocity_error)))
-        measured.append(("position", "m", length(shown.position_error)))
+    vectors = (degrees, shown.velocity_error, shown.position_error) if shown.has_position else (degrees,)
+    t, sigmas = (np.zeros(0), 3 * (np.zeros(0),)) if expected is None else (expected.t, expected.lengths)
     panels = []
-    for i, (name, unit, error) in enumerate(measured):
-        drawn = [] if expected is None or sigma is None else _envelope(expected.t, sigma[i])
+    for quantity, vector, sigma in zip(QUANTITIES, vectors, sigmas, strict=False):
+        error = length(vector)
+        drawn = _envelope(t, sigma) if len(t) else []
         drawn.append(traces.line(shown.t, error, "IMU from autopilot", colour, breaks=regained(shown)))
-        panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i])))
-    horizontal = length(degrees[:, :2])
-    panels.insert(
-        1,
-        traces.Panel(
-            "tilt, heading, °",
-            [
-                traces.line(shown.t, horizontal, "tilt", colour, line={"dash": "dot"}),
-                traces.line(shown.t, degrees[:, 2], "heading", colour),
-            ],
-        ),
-    )
+        panels.append(traces.Panel(quantity.title, drawn, _room(error, sigma)))
+    tilt = traces.line(shown.t, length(degrees[:, :2]), "tilt", colour, line={"dash": "dot"})
+    heading = traces.line(shown.t, degrees[:, 2], "heading", colour)
+    panels.insert(1, traces.Panel("tilt, heading, °", [tilt, heading]))
     return panels
 
 
@@ -234,10 +224,10 @@ def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:
     ]
 
 
-def _room(error: Array, sigma: Array | None) -> dict[str, object]:
+def _room(error: Array, sigma: Array) -> dict[str, object]:
     """The range of an axis: all of the error, and no more of the envelope than leaves the error readable."""
     top = float(np.max(error, initial=0.0))
-    if sigma is not None and len(sigma):
+    if len(sigma):
         top = max(1.1 * top, min(3.3 * float(sigma.max()), 3.0 * top))
     return {"range": [0, top or 1.0]}
 
