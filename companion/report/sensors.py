@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion import present
-from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise
-from companion.model import Array, counted
+from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise, imu_noise
+from companion.model import Array, DataError, counted
 from companion.noise import AllanDeviation, Spectrum, imu_spectrum, vibration
 from companion.present import (
     CALIBRATED,
@@ -142,12 +142,14 @@ def _bars(others: Sequence[RedundantImu], attribute: str, colours: Mapping[str, 
 
 def noise(subject: Subject) -> str:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
-    measured = subject.noise
-    if isinstance(measured, str):
-        return paragraph(f"Not known: {measured}")
+    spec, limits = subject.assessment.imu_spec, subject.comparison.how.limits
+    try:
+        measured = imu_noise(subject.flight, subject.imu, spec, limits)
+    except DataError as error:
+        return paragraph(f"Not known: {error}")
     rows = []
     for sensor in SENSORS:
-        sheet = short(getattr(measured.imu_spec, sensor.key).noise_density * sensor.factor)
+        sheet = short(getattr(spec, sensor.key).noise_density * sensor.factor)
         resting = getattr(measured.rest, f"{sensor.key}_axes", (None, None, None))
         flying = getattr(measured.flight, sensor.key) if measured.flight else None
         for i, (axis, _) in enumerate(AXES):

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
-from companion.comparison import Comparison, Expectation, ImuNoise, Replay, imu_noise, replay
-from companion.model import CompanionError, DataError, Flight
+from companion.comparison import Comparison, Expectation, Replay, replay
+from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.report.html_page import Charts
 from companion.verdict import Assessment, Finding
@@ -26,7 +26,6 @@ class Subject:
     replay: Replay | None  # what is drawn over time; None where it cannot be made
     why_no_replay: str
     expected: Expectation | None  # of the replay's errors; None without a replay, or where nothing can be expected
-    noise: ImuNoise | str  # or why it is not known
 
     @property
     def flight(self) -> Flight:
@@ -79,13 +78,13 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     """Everything that the sections share."""
     assessment, flight = examined.assessment, examined.flight
     comparison = assessment.comparison
-    track, how = comparison.track, comparison.how
+    track = comparison.track
     shown, why, expected = None, "", None
     try:
         replayed = replay(
             flight.with_imu(track),
             imu=track.source,
-            how=how,
+            how=comparison.how,
             reanchor_s=settings.view.reanchor_s or None,
             reference=comparison.reference,
         )
@@ -96,8 +95,4 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
         display, horizon_s = display_trajectory(replayed, track), first_horizon(settings.drift.horizons_s)
         result = analysed(flight, display, assessment, horizon_s, settings.view.reanchor_s or None)
         shown, expected = result.replay or replayed, result.expected
-    try:
-        noise: ImuNoise | str = imu_noise(flight, track.source, assessment.imu_spec, how.limits)
-    except DataError as error:
-        noise = str(error)
-    return Subject(examined, source, settings, charts, shown, why, expected, noise)
+    return Subject(examined, source, settings, charts, shown, why, expected)
