@@ -48,7 +48,7 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
     "misalignment": (palette.HEADING, 0.4),
     "gravity": (palette.HEADING, 0.65),
 }
-"""Cause → the colour of its source, and the share of white in it."""
+"""Each cause of a budget → the colour of its source, and the share of white in it."""
 
 
 def drift(subject: Subject) -> str:
@@ -80,22 +80,20 @@ def budget(subject: Subject) -> str:
     if not shares:
         return paragraph("Without windows there is no error to expect.")
     names = [quantity.name for quantity in QUANTITIES if any(quantity.name in of for of in shares.values())]
-    causes = list(dict.fromkeys(cause for of in shares.values() for part in of.values() for cause in part))
-    causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
-    percents = {c: {name: [100 * of[name].get(c, 0.0) for of in shares.values()] for name in names} for c in causes}
+    percents = {c: {name: [100 * of[name][c] for of in shares.values()] for name in names} for c in _CAUSES}
     panels = []
     for name in names:
         bars = [
             {
                 "type": "bar",
                 "x": list(shares),
-                "y": of[name],
+                "y": percents[cause][name],
                 "name": words(cause),
-                "marker": {"color": _colour(cause)},
+                "marker": {"color": palette.css(palette.mix(colour, (255, 255, 255), white))},
                 "hovertemplate": "%{y:.1f} %",
             }
-            for cause, of in percents.items()
-            if max(map(max, of.values())) > 1.0
+            for cause, (colour, white) in _CAUSES.items()
+            if max(map(max, percents[cause].values())) > 1.0
         ]
         panels.append(traces.Panel(f"{name}, %", bars, {"range": [0, 100]}))
     figure = traces.stack(panels, "seconds on the IMU alone", type="category")
@@ -159,11 +157,6 @@ def _curves(drift: Drift, expected: Sequence[Expected | None], attribute: str) -
 
 _STYLES: tuple[dict[str, Any], ...] = ({"width": 2.5}, {"line": {"dash": "dash"}}, {"line": {"dash": "dot"}})
 """Of the statistics."""
-
-
-def _colour(cause: str) -> str:
-    colour, white = _CAUSES.get(cause, (traces.GREY, 0.0))
-    return palette.css(palette.mix(colour, (255, 255, 255), white))
 
 
 def errors(subject: Subject) -> str:
