@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from companion.model import words
 from companion.present.formats import capitalised, fixed, shown_unit, with_unit
@@ -48,14 +49,10 @@ def flown_words(lanes: Lanes) -> str:
     if lanes.in_use is None:
         return ""
     names = {one.core: one.name for one in lanes.lanes if one.core is not None}
-    changes = lanes.in_use.changes
-    ends = [t for t, _ in changes[1:]]
-    parts = (
-        f"{names.get(core, f'core {core}')} {t:.1f}-{end:.1f} s"
-        for (t, core), end in zip(changes[:-1], ends, strict=True)
-    )
-    t, core = changes[-1]
-    return ", ".join([*parts, f"{names.get(core, f'core {core}')} from {t:.1f} s to the end"])
+    changes = [(t, names.get(core, f"core {core}")) for t, core in lanes.in_use.changes]
+    parts = (f"{name} {t:.1f}-{end:.1f} s" for (t, name), (end, _) in pairwise(changes))
+    t, name = changes[-1]
+    return ", ".join([*parts, f"{name} from {t:.1f} s to the end"])
 
 
 def switch_words(one: LaneSwitch) -> str:
