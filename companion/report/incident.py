@@ -61,14 +61,13 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
     if flight.actuators is not None:
         part = window(flight.actuators.t, start, stop)
         t, output = flight.actuators.t[part] - zero, flight.actuators.output[part]
-        used = [
-            i
-            for i in range(output.shape[1])
-            if len(t) > 1 and np.isfinite(output[:, i]).all() and output[:, i].std() > 0
-        ]
         colour = cycle((*palette.IMUS, palette.AUTOPILOT, palette.DIFFERENCE, palette.GPS))
-        if used:
-            lines = [traces.line(t, 100.0 * output[:, i], f"output {i + 1}", next(colour)) for i in used]
+        lines = [
+            traces.line(t, 100.0 * one, f"output {i}", next(colour))
+            for i, one in enumerate(output.T, 1)
+            if len(t) > 1 and np.isfinite(one).all() and one.std() > 0
+        ]
+        if lines:
             yield traces.Panel("outputs, %", lines, {"range": [-2, 102]})
     if (position := flight.position) is not None:
         part = window(position.t, start, stop)
