@@ -32,14 +32,14 @@ def document(source: Source, flights: list[Document], **more: Any) -> Document:
     return plain({"schema": SCHEMA, "log": {"path": path, **log}, "flights": flights, **more})
 
 
+def _of_flight(source: Source, flight: Flight, content: Document) -> Document:
+    """A document about one flight of a log."""
+    return document(source, [of(flight, "vehicle", "boot") | content])
+
+
 def of(one: object, *names: str) -> Document:
     """Some attributes of an object under their own names."""
     return {name: getattr(one, name) for name in names}
-
-
-def _flight_head(flight: Flight) -> Document:
-    """Which flight it is."""
-    return {"vehicle": flight.vehicle, "boot": flight.boot}
 
 
 def plain(document: Document) -> Document:
@@ -76,7 +76,7 @@ def info_document(recording: Recording) -> Document:
 
 def _flight(flight: Flight) -> Document:
     return {
-        **_flight_head(flight),
+        **of(flight, "vehicle", "boot"),
         "start_s": flight.start,
         "duration_s": flight.duration,
         "default_imu": flight.default_imu,
@@ -109,7 +109,7 @@ def series_document(
     source: Source, flight: Flight, tables: Sequence[Document], series: Document | None = None
 ) -> Document:
     """tables: what the flight has, as `companion.export` lists them; series: the values of the one that was chosen."""
-    return document(source, [{**_flight_head(flight), "tables": tables, "series": series}])
+    return _of_flight(source, flight, {"tables": tables, "series": series})
 
 
 def _confusion_part(best: BestEstimate | None) -> Document | None:
@@ -149,7 +149,6 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
     flight = examined.flight
     known = _UNEXAMINED | {"notes": flight.notes} if isinstance(examined, Unexamined) else _examined(examined)
     analysed = {
-        **_flight_head(flight),
         "duration_s": flight.duration,
         "imu": [
             {
@@ -167,7 +166,7 @@ def analysis_document(source: Source, examined: Examination | Unexamined) -> Doc
         "verdict": _verdict(examined),
         "confusion": None if isinstance(examined, Unexamined) else _confusion_part(examined.assessment.best),
     }
-    return document(source, [analysed])
+    return _of_flight(source, flight, analysed)
 
 
 _UNEXAMINED: Document = {
@@ -334,16 +333,15 @@ def _alignment(alignment: Alignment) -> Document:
 def incident_document(source: Source, flight: Flight, incident: Incident) -> Document:
     """The seconds around an incident."""
     content = {
-        **_flight_head(flight),
         "moment": {"t_s": incident.moment.t, **of(incident.moment, "kind", "text")},
         **of(incident, "start_s", "end_s", "causes", "timeline", "imus", "tracking", "outputs", "missing"),
     }
-    return document(source, [content])
+    return _of_flight(source, flight, content)
 
 
 def noise_document(source: Source, flight: Flight, noises: Sequence[ImuNoise]) -> Document:
     """The noise of a flight's IMUs."""
-    return document(source, [{**_flight_head(flight), "imus": [_imu(noise) for noise in noises]}])
+    return _of_flight(source, flight, {"imus": [_imu(noise) for noise in noises]})
 
 
 def _imu(noise: ImuNoise) -> Document:
@@ -408,7 +406,6 @@ def preflight_document(source: Source, flight: Flight, result: Preflight, aged: 
     """The checks of a vehicle that stands, and those of its earlier flights beside them."""
     before = {(one.check.name, one.check.sensor): of(one, "before", "spread", "times", "changed") for one in aged}
     checked = {
-        **_flight_head(flight),
         **of(result, "outcome", "start_s", "end_s", "motors_off"),
         "checks": [
             {
@@ -420,7 +417,7 @@ def preflight_document(source: Source, flight: Flight, result: Preflight, aged: 
         ],
         **of(result, "vehicle_reports", "missing"),
     }
-    return document(source, [checked])
+    return _of_flight(source, flight, checked)
 
 
 def estimate_document(
@@ -429,7 +426,6 @@ def estimate_document(
     """A flight's best estimate. autopilot: the biases of its estimator."""
     states = best.states
     estimated = {
-        **_flight_head(flight),
         "imu": best.imu.source,
         "keyframes": len(best.t),
         "start_s": float(best.t[0]),
@@ -464,7 +460,7 @@ def estimate_document(
         "autopilot_error": errors,
         "notes": best.notes,
     }
-    return document(source, [estimated])
+    return _of_flight(source, flight, estimated)
 
 
 def _explained(one: Explained) -> Document:
@@ -498,7 +494,6 @@ def _bias(value: Array, sigma: Array, autopilot: Array | None) -> Document:
 def lanes_document(source: Source, flight: Flight, best: BestEstimate, lanes: Lanes) -> Document:
     """A flight's lanes against its best estimate."""
     judged = {
-        **_flight_head(flight),
         "imu": best.imu.source,
         "lanes": [
             {**of(one, "name", "core", "source", "imu"), "start_s": float(one.t[0]), "end_s": float(one.t[-1])}
@@ -517,4 +512,4 @@ def lanes_document(source: Source, flight: Flight, best: BestEstimate, lanes: La
         "spans": [of(one, "what", "start_s", "end_s", "flown", "right", "readers", "lanes") for one in lanes.spans],
         "notes": lanes.notes,
     }
-    return document(source, [judged])
+    return _of_flight(source, flight, judged)

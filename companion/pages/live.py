@@ -41,8 +41,7 @@ class LiveFeed:
             most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
         )
         self._settings = settings
-        self._shown = ""  # the vehicle that is looked at
-        self._flight: Flight | None = None  # its last seconds
+        self._flight: Flight | None = None  # the last seconds of the vehicle that is looked at
         self._preflight: Preflight | None = None
         self._check_due = 0.0  # s of the steady clock
         self._verdict = RunningVerdict(self._assignment())
@@ -80,12 +79,12 @@ class LiveFeed:
     @property
     def status(self) -> LiveStatus:
         """The messages are a copy, made at once: the page draws while `look` adds to them."""
-        link = self._link
-        silent, shown = bool(link.problem), self._shown
+        link, flight = self._link, self._flight
+        silent, shown = bool(link.problem), "" if flight is None else str(flight.vehicle)
         others = [name for name in self._verdict.vehicles if shown and name not in ("", shown)]
         if (now := time.monotonic()) >= self._check_due:
             self._check_due = now + _CHECKED_S
-            self._preflight = None if self._flight is None else checks_on_the_ground(self._flight)
+            self._preflight = None if flight is None else checks_on_the_ground(flight)
         return LiveStatus(
             link,
             self._verdict.read(shown, silent=silent),
@@ -130,7 +129,7 @@ class LiveFeed:
         if sighting is None:
             return None
         present = sighting.present
-        self._shown, self._flight = str(present.flight.vehicle), present.flight
+        self._flight = present.flight
         return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:

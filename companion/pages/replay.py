@@ -44,6 +44,8 @@ from companion.view import (
 )
 
 _SAME_S = 0.01  # the page rounds the start that it shows
+_Key = tuple[object, ...]
+"""What an examination depends on: flight, IMU, integration and correction, and neither the horizon nor the anchors."""
 
 
 class Answers:
@@ -67,9 +69,8 @@ class Answers:
         self._imu_model, self._command = imu_model, command
         self._file = load_correction(correction) if correction is not None else None
         self._lock = threading.Lock()
-        self._corrections: dict[tuple[int, str, Integration], Correction | None] = {}
-        self._last: tuple[tuple[object, ...], Examination] | None = None
-        self._uncorrected: tuple[tuple[int, str, Integration], Assessment] | None = None  # the last, of which IMU
+        self._corrections: dict[_Key, Correction | None] = {}  # of an IMU as it is
+        self._last: tuple[_Key, Examination] | None = None
 
     def recompute(self, flight: Flight, choice: ReplayChoice) -> DisplayTrajectory:
         """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
@@ -93,9 +94,9 @@ class Answers:
             noise=_noise_of(flight, assessment),
             calibrated=_calibrated(assessment, choice.horizon_s),
         )
-        with self._lock:  # what is kept when the analysis makes room for the next
-            if (last := self._uncorrected) is not None:
-                self._corrections[last[0]] = _correction_of(last[1])
+        if not choice.corrects:
+            with self._lock:  # what is kept when the analysis makes room for the next
+                self._corrections[_key(flight, choice)] = _correction_of(assessment)
         return result
 
     def check(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> FlightChecks:
@@ -125,24 +126,18 @@ class Answers:
 
     def know(self, examined: Examination, choice: ReplayChoice) -> None:
         """Take what was examined as chosen, by somebody else, for the answer."""
-        self._remember(examined.flight, choice, examined, examined.assessment.comparison.track.source)
+        self._last = _key(examined.flight, choice), examined
 
     def _examination(self, flight: Flight, choice: ReplayChoice, display: DisplayTrajectory) -> Examination:
         """Everything about what is shown; made once, for the horizon and the anchors change nothing in it."""
-        how = choice.integration(flight)
-        last = self._last
-        if last is not None and last[0] == _key(flight, choice):
+        last, key, how = self._last, _key(flight, choice), choice.integration(flight)
+        if last is not None and last[0] == key:
             return last[1]
         seen = flight.with_imu(display.track) if display.track else flight
-        self._last = self._uncorrected = None  # room for the next: an hour's analysis is large
+        self._last = None  # room for the next: an hour's analysis is large
         examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
-        self._remember(flight, choice, examined, display.source)
+        self._last = key, examined
         return examined
-
-    def _remember(self, flight: Flight, choice: ReplayChoice, examined: Examination, source: str) -> None:
-        self._last = _key(flight, choice), examined
-        if not choice.corrects:
-            self._uncorrected = (id(flight), source, choice.integration(flight)), examined.assessment
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """The correction of the chosen IMU. Raises DataError when this flight cannot be calibrated."""
@@ -150,15 +145,14 @@ class Answers:
             return NO_CORRECTION
         if choice.correction == "file":
             return self._file or NO_CORRECTION
-        name = flight.imu(choice.imu).source
+        key = _key(flight, ReplayChoice(choice.imu, how=choice.how, gravity=choice.gravity))  # as it is
         with self._lock:  # whoever comes first finds it out
-            key = (id(flight), name, how)
             if key not in self._corrections:
-                known = self._uncorrected
+                last = self._last
                 self._corrections[key] = _correction_of(
-                    known[1]
-                    if known is not None and known[0] == key
-                    else assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
+                    last[1].assessment
+                    if last is not None and last[0] == key
+                    else assess_imu(flight, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
                 )
             correction = self._corrections[key]
         if correction is None:
@@ -228,11 +222,9 @@ def _as_examined(examined: Examination, choice: ReplayChoice) -> ReplayChoice:
     return replace(choice, imu=comparison.track.source, how=how, gravity=gravity)
 
 
-def _key(flight: Flight, choice: ReplayChoice) -> tuple[object, ...]:
-    """What an examination depends on: neither the horizon nor the anchors."""
-    return (
-        id(flight), choice.imu, choice.integration(flight), choice.correction, choice.gyro_bias, choice.accel_bias
-    )  # fmt: skip
+def _key(flight: Flight, choice: ReplayChoice) -> _Key:
+    imu = flight.imu(choice.imu).source
+    return id(flight), imu, choice.integration(flight), choice.correction, choice.gyro_bias, choice.accel_bias
 
 
 def _noise_of(flight: Flight, assessment: Assessment) -> ImuNoise | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from companion.model import words
 from companion.present.formats import capitalised, fixed, shown_unit, with_unit
@@ -48,14 +49,10 @@ def flown_words(lanes: Lanes) -> str:
     if lanes.in_use is None:
         return ""
     names = {one.core: one.name for one in lanes.lanes if one.core is not None}
-    changes = lanes.in_use.changes
-    ends = [t for t, _ in changes[1:]]
-    parts = (
-        f"{names.get(core, f'core {core}')} {t:.1f}-{end:.1f} s"
-        for (t, core), end in zip(changes[:-1], ends, strict=True)
-    )
-    t, core = changes[-1]
-    return ", ".join([*parts, f"{names.get(core, f'core {core}')} from {t:.1f} s to the end"])
+    changes = [(t, names.get(core, f"core {core}")) for t, core in lanes.in_use.changes]
+    parts = (f"{name} {t:.1f}-{end:.1f} s" for (t, name), (end, _) in pairwise(changes))
+    t, name = changes[-1]
+    return ", ".join([*parts, f"{name} from {t:.1f} s to the end"])
 
 
 def switch_words(one: LaneSwitch) -> str:
@@ -134,7 +131,8 @@ def _plus_minus(value: float, sigma: float, factor: float) -> str:
     return f"{fixed(value * factor)} ± {fixed(sigma * factor)}"
 
 
-OUTCOMES = {"go": "go", "no_go": "NO-GO", "unknown": "cannot tell"}
+OUTCOMES = {"no_go": "NO-GO", "unknown": "cannot tell", "go": "go"}
+"""Outcome → in words, what is wrong first."""
 _UNITS = {"T": ("µT", 1e6), "rad/s/√Hz": ("mrad/s/√Hz", 1e3)}
 _COUNTED = ("gps_fix", "gps_satellites", "barometer_temperature")
 """Checks whose note has the number that people know."""
@@ -159,9 +157,8 @@ def preflight_table(result: Preflight, aged: Sequence[Ageing] = ()) -> Table:
     """A row for each check, what is wrong first; with what it was before, where that is known."""
     before = {(one.check.name, one.check.sensor): one for one in aged}
     titles = ["", "check", "sensor", "size", "limit", *(["before"] if aged else []), "the autopilot's own check"]
-    order = {"no_go": 0, "unknown": 1, "go": 2}
     rows = []
-    for one in sorted(result.checks, key=lambda c: order[c.outcome]):
+    for one in sorted(result.checks, key=lambda check: [*OUTCOMES].index(check.outcome)):
         cells = [OUTCOMES[one.outcome], capitalised(words(one.name)), one.sensor, *_size_and_limit(one)]
         if aged:
             cells.append(_before(one, before.get((one.name, one.sensor))))
@@ -190,7 +187,7 @@ def _before(one: Check, aged: Ageing | None) -> str:
     if aged is None or one.name in _COUNTED:
         return ""
     _, factor = _unit(one.unit)
-    shown = f"{fixed(aged.before * factor)} ± {fixed(aged.spread * factor)} ({aged.times})"
+    shown = f"{_plus_minus(aged.before, aged.spread, factor)} ({aged.times})"
     if one.uncorrected is not None:
         shown = f"{shown}, now {fixed(one.uncorrected * factor)} uncorrected"
     return f"{shown}: changed" if aged.changed else shown

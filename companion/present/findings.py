@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from companion.model import Flight, words
 from companion.present.formats import capitalised, clause, fixed, shown_unit, significant, vehicle_words, with_unit
-from companion.verdict import Cause, Finding, Incident, Output, ProbableCause, Verdict, by_severity
+from companion.verdict import Cause, Finding, Incident, Output, Verdict, by_severity
 from companion.verdict import percent as probability
 
 MOST_LINES = 7
@@ -58,7 +58,7 @@ def wrong(cause: Cause) -> str:
         return " ".join(filter(None, (_SENSORS[cause.sensor], cause.axis, whose, "wrong")))
     what = words(cause.kind)
     if cause.sensor:
-        return f"{what[:1].upper()}{what[1:]} wrong"
+        return f"{capitalised(what)} wrong"
     return f"{'IMU' if cause.side == 'imu' else 'Autopilot'} wrong: {what}"
 
 
@@ -188,11 +188,8 @@ def cause_lines(incident: Incident) -> Iterator[tuple[str, str, str]]:
     """Cause, probability, evidence: the likeliest first, those above 1 %."""
     for one in incident.causes:
         if one.probability >= _LEAST:
-            yield capitalised(_cause(one)), probability(one.probability), _clean("; ".join(one.evidence))
-
-
-def _cause(one: ProbableCause) -> str:
-    return _CAUSES.get(one.name, f"the {words(one.name)}")
+            cause = capitalised(_CAUSES.get(one.name, f"the {words(one.name)}"))
+            yield cause, probability(one.probability), _clean("; ".join(one.evidence))
 
 
 def facts(incident: Incident) -> Iterator[tuple[str, str]]:

@@ -46,23 +46,20 @@ def table(
     name: its id; groups: a row above the headings, each cell with the number of columns that it spans; sortable: by a
     click on a heading, and with a field that leaves the rows that have its words (page.js).
     """
-    above = "".join(f'<th colspan="{span}" class="group">{text(title)}</th>' for title, span in groups)
-    head = "".join(f"<th{'' if i < words else _RIGHT}>{text(heading)}</th>" for i, heading in enumerate(headings))
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f"<td{'' if i < words else _RIGHT}>{link(cell) if isinstance(cell, Link) else text(cell)}</td>"
+
+    def line(tag: str, row: Row) -> str:
+        cells = (
+            f"<{tag}{'' if i < words else _RIGHT}>{link(cell) if isinstance(cell, Link) else text(cell)}</{tag}>"
             for i, cell in enumerate(row)
         )
-        + "</tr>"
-        for row in rows
-    )
+        return f"<tr>{''.join(cells)}</tr>"
+
+    above = "".join(f'<th colspan="{span}" class="group">{text(title)}</th>' for title, span in groups)
+    head = (f"<tr>{above}</tr>" if above else "") + line("th", headings)
+    body = "".join(line("td", row) for row in rows)
     kinds = [kind for kind, is_one in (("facts", words == len(headings)), ("sortable", sortable)) if is_one]
     identity = (f' id="{text(name)}"' if name else "") + (f' class="{" ".join(kinds)}"' if kinds else "")
-    return (
-        f'<div class="wide"><table{identity}><thead>{f"<tr>{above}</tr>" if above else ""}<tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+    return f'<div class="wide"><table{identity}><thead>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
 def html_table(of: Table, name: str) -> str:

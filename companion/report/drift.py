@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor
+from companion.comparison import Drift, Expectation, Expected, Replay, expected_since_anchor, length
 from companion.estimation import BestEstimate
 from companion.installation import missing
 from companion.model import Array, DataError, Flight, InputError
@@ -25,7 +25,7 @@ from companion.present import (
     words,
 )
 from companion.report import traces
-from companion.report.html_page import laid_out
+from companion.report.html_page import height_px, laid_out
 from companion.report.subject import Subject
 from companion.report.traces import ground_track, paths_of, regained
 from companion.verdict import Assessment
@@ -48,7 +48,7 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
     "misalignment": (palette.HEADING, 0.4),
     "gravity": (palette.HEADING, 0.65),
 }
-"""Cause → the colour of its source, and the share of white in it."""
+"""Each cause of a budget → the colour of its source, and the share of white in it."""
 
 
 def drift(subject: Subject) -> str:
@@ -58,11 +58,10 @@ def drift(subject: Subject) -> str:
     if not any(row.windows for row in drift.rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
         return "".join(map(paragraph, (reason, *excluded)))
-    figure, count = drift_chart(drift, expected)
     caption = (
         "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
     )
-    chart = subject.charts.add(figure, caption, rows=count)
+    chart = subject.charts.add(drift_chart(drift, expected), caption)
     has_position = subject.comparison.has_position
     if not has_position:
         chart += paragraph("This flight has no position: attitude alone is compared.")
@@ -81,29 +80,31 @@ def budget(subject: Subject) -> str:
     if not shares:
         return paragraph("Without windows there is no error to expect.")
     names = [quantity.name for quantity in QUANTITIES if any(quantity.name in of for of in shares.values())]
-    causes = list(dict.fromkeys(cause for of in shares.values() for part in of.values() for cause in part))
-    causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
+    percents = {c: {name: [100 * of[name][c] for of in shares.values()] for name in names} for c in _CAUSES}
     panels = []
     for name in names:
         bars = [
             {
                 "type": "bar",
                 "x": list(shares),
-                "y": [100 * of[name].get(cause, 0.0) for of in shares.values()],
+                "y": percents[cause][name],
                 "name": words(cause),
-                "marker": {"color": _colour(cause)},
+                "marker": {"color": palette.css(palette.mix(colour, (255, 255, 255), white))},
                 "hovertemplate": "%{y:.1f} %",
             }
-            for cause in causes
-            if any(of[n].get(cause, 0.0) > 0.01 for of in shares.values() for n in names)
+            for cause, (colour, white) in _CAUSES.items()
+            if max(map(max, percents[cause].values())) > 1.0
         ]
         panels.append(traces.Panel(f"{name}, %", bars, {"range": [0, 100]}))
     figure = traces.stack(panels, "seconds on the IMU alone", type="category")
     figure["layout"] |= {"barmode": "stack", "bargap": 0.35, "hovermode": "closest"}
     chart = subject.charts.add(
-        figure,
-        "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
-        rows=len(panels),
+        figure, "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn."
+    )
+    every = table(
+        ["cause", *(f"{name} {horizon}" for name in names for horizon in shares)],
+        [[words(c), *(f"{percent:.1f} %" for row in of.values() for percent in row)] for c, of in percents.items()],
+        name="shares-table",
     )
     spec, noise = assessment.imu_spec, assessment.measured_noise
     lines = [f"IMU noise model: {spec.name} ({spec.reason})."]
@@ -114,24 +115,12 @@ def budget(subject: Subject) -> str:
     return (
         "".join(map(paragraph, lines))
         + f"{chart}<h3>Windows inside their 95 % bound</h3>{html_table(agreement_table(assessment), 'inside-table')}"
-        + details("Every cause in numbers", _shares(shares, names, causes))
+        + details("Every cause in numbers", every)
     )
 
 
-def _shares(shares: Mapping[str, Mapping[str, Mapping[str, float]]], names: list[str], causes: list[str]) -> str:
-    """The share of each cause, as a table. shares: horizon → quantity → cause → part."""
-    return table(
-        ["cause", *(f"{name} {horizon}" for name in names for horizon in shares)],
-        [
-            [words(c), *(f"{100 * of[name].get(c, 0.0):.1f} %" for name in names for of in shares.values())]
-            for c in causes
-        ],
-        name="shares-table",
-    )
-
-
-def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> tuple[traces.Figure, int]:
-    """Each error against the seconds on the IMU alone, both axes logarithmic, and the number of panels."""
+def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> traces.Figure:
+    """Each error against the seconds on the IMU alone, both axes logarithmic."""
     panels = [
         traces.Panel(quantity.title, curves, {"type": "log", "dtick": 1})
         for quantity in QUANTITIES
@@ -139,8 +128,7 @@ def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> tuple
     ]
     ticks = [row.horizon_s for row in drift.rows]
     named = [f"{horizon:g}" for horizon in ticks]
-    figure = traces.stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=named)
-    return figure, len(panels)
+    return traces.stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=named)
 
 
 def _curves(drift: Drift, expected: Sequence[Expected | None], attribute: str) -> list[traces.Trace]:
@@ -171,11 +159,6 @@ _STYLES: tuple[dict[str, Any], ...] = ({"width": 2.5}, {"line": {"dash": "dash"}
 """Of the statistics."""
 
 
-def _colour(cause: str) -> str:
-    colour, white = _CAUSES.get(cause, (traces.GREY, 0.0))
-    return palette.css(palette.mix(colour, (255, 255, 255), white))
-
-
 def errors(subject: Subject) -> str:
     """Attitude, velocity and position errors over the flight with their 1σ and 3σ."""
     shown = subject.replay
@@ -198,7 +181,7 @@ def errors(subject: Subject) -> str:
     )
     caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
-    return note + subject.charts.add(figure, caption, rows=len(panels))
+    return note + subject.charts.add(figure, caption)
 
 
 def _anew(shown: Replay, period: float) -> str:
@@ -212,28 +195,18 @@ def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rg
 
     expected: of them; None where it is not known.
     """
-    sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
-    measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
-    if shown.has_position:
-        measured.append(("velocity", "m/s", np.linalg.norm(shown.velocity_error, axis=1)))
-        measured.append(("position", "m", np.linalg.norm(shown.position_error, axis=1)))
+    vectors = (degrees, shown.velocity_error, shown.position_error) if shown.has_position else (degrees,)
+    t, sigmas = (np.zeros(0), 3 * (np.zeros(0),)) if expected is None else (expected.t, expected.lengths)
     panels = []
-    for i, (name, unit, error) in enumerate(measured):
-        drawn = [] if expected is None or sigma is None else _envelope(expected.t, sigma[i])
+    for quantity, vector, sigma in zip(QUANTITIES, vectors, sigmas, strict=False):
+        error = length(vector)
+        drawn = _envelope(t, sigma) if len(t) else []
         drawn.append(traces.line(shown.t, error, "IMU from autopilot", colour, breaks=regained(shown)))
-        panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i])))
-    horizontal = np.linalg.norm(degrees[:, :2], axis=1)
-    panels.insert(
-        1,
-        traces.Panel(
-            "tilt, heading, °",
-            [
-                traces.line(shown.t, horizontal, "tilt", colour, line={"dash": "dot"}),
-                traces.line(shown.t, degrees[:, 2], "heading", colour),
-            ],
-        ),
-    )
+        panels.append(traces.Panel(quantity.title, drawn, _room(error, sigma)))
+    tilt = traces.line(shown.t, length(degrees[:, :2]), "tilt", colour, line={"dash": "dot"})
+    heading = traces.line(shown.t, degrees[:, 2], "heading", colour)
+    panels.insert(1, traces.Panel("tilt, heading, °", [tilt, heading]))
     return panels
 
 
@@ -244,10 +217,10 @@ def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:
     ]
 
 
-def _room(error: Array, sigma: Array | None) -> dict[str, object]:
+def _room(error: Array, sigma: Array) -> dict[str, object]:
     """The range of an axis: all of the error, and no more of the envelope than leaves the error readable."""
     top = float(np.max(error, initial=0.0))
-    if sigma is not None and len(sigma):
+    if len(sigma):
         top = max(1.1 * top, min(3.3 * float(sigma.max()), 3.0 * top))
     return {"range": [0, top or 1.0]}
 
@@ -260,8 +233,7 @@ def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
     expected = None
     if assessment is not None:
         expected = expected_since_anchor(assessment.comparison, assessment.imu_spec, assessment.autopilot, shown)
-    panels = error_panels(shown, expected, palette.IMU)
-    return _figure(traces.stack(panels, traces.TIME), 60 + 190 * len(panels))
+    return _figure(traces.stack(error_panels(shown, expected, palette.IMU), traces.TIME))
 
 
 def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | None = None) -> Any:
@@ -272,20 +244,19 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
     paths = paths_of(flight, shown, palette.IMU, best)
     if not paths:
         raise DataError("This flight has no position: there is no path to draw.")
-    return _figure(ground_track(shown, paths), 600)
+    return _figure(ground_track(shown, paths)).update_layout(height=600)
 
 
 def plot_drift(table: Drift) -> Any:
     """The drift table: median, 95 % and worst of each error against the seconds on the IMU alone."""
     if not any(row.windows for row in table.rows):
         raise InputError("No window of this table could be used: there is nothing to draw.")
-    figure, count = drift_chart(table)
-    return _figure(figure, 60 + 190 * count)
+    return _figure(drift_chart(table))
 
 
-def _figure(figure: Any, height: int) -> Any:
+def _figure(figure: Any) -> Any:
     try:
         from plotly import graph_objects  # noqa: PLC0415  (an extra)
     except ImportError:
         raise missing("report", "charts need plotly") from None
-    return graph_objects.Figure(laid_out(figure)).update_layout(height=height)
+    return graph_objects.Figure(laid_out(figure)).update_layout(height=height_px(figure))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from companion.app.examination import redundant_lanes
 from companion.app.sensors import preflight_of
-from companion.comparison import Replay, errors, phases, replay, windows
+from companion.comparison import Replay, errors, length, phases, replay, windows
 from companion.model import Array, CompanionError, DataError
 from companion.present import (
     FindingGroup,
@@ -29,7 +30,7 @@ from companion.present import (
 )
 from companion.report import traces
 from companion.report.html_page import Section
-from companion.report.subject import AXES, Subject
+from companion.report.subject import Subject
 from companion.strapdown import quaternion
 from companion.verdict import Finding, Lanes, Verdict, by_severity
 
@@ -88,7 +89,7 @@ def _drawn(subject: Subject, group: FindingGroup) -> str:
         if panels:
             spans = [] if subject.is_throughout(finding) else [(finding.start_s, finding.end_s)]
             figure = traces.stack(panels, traces.TIME, spans=spans, range=list(around))
-            chart = subject.charts.add(figure, caption, rows=len(panels))
+            chart = subject.charts.add(figure, caption)
     return _article(group, chart)
 
 
@@ -111,10 +112,10 @@ def _readings(subject: Subject, kind: str, low: float, high: float) -> list[trac
     """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
-    breaks = traces.gaps(track.t[part], subject.longest_step)
+    t, breaks = track.t[part], traces.gaps(track.t[part], subject.longest_step)
     both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
-    named = [name for name in both if name in kind] or list(both)
-    return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]
+    named = [one for name, one in both.items() if name in kind] or both.values()
+    return [traces.Panel(title, traces.by_axis(t, values[part], breaks=breaks)) for title, values in named]
 
 
 def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel]:
@@ -134,7 +135,7 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
     shown = [("gyro off by, mrad/s", -1e3 * quaternion.rotate(back, off.attitude) / span)]
     if comparison.has_position:
         shown.append(("accel off by, m/s²", -quaternion.rotate(back, off.velocity) / span))
-    return [traces.Panel(title, _axes(middle[part], values[part], breaks)) for title, values in shown]
+    return [traces.Panel(title, traces.by_axis(middle[part], values[part], breaks=breaks)) for title, values in shown]
 
 
 def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
@@ -144,31 +145,28 @@ def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces
         return []
     t, breaks = shown.t, shown.anchors
 
-    def both(title: str, imu: Array, autopilot: Array) -> traces.Panel:
-        return traces.Panel(
-            title,
-            [
-                traces.line(t, imu, "IMU alone", subject.colour, breaks=breaks),
-                traces.line(t, autopilot, "autopilot", palette.AUTOPILOT),
-            ],
-        )
+    def panels(names: Sequence[str], unit: str, imu: Array, autopilot: Array) -> list[traces.Panel]:
+        return [
+            traces.Panel(
+                f"{name}, {unit}",
+                [
+                    traces.line(t, own, "IMU alone", subject.colour, breaks=breaks),
+                    traces.line(t, other, "autopilot", palette.AUTOPILOT),
+                ],
+            )
+            for name, own, other in zip(names, imu.T, autopilot.T, strict=True)
+        ]
 
-    imu, ref = quaternion.to_euler(shown.q_imu), quaternion.to_euler(shown.q_ref)
-    angles = [
-        both(f"{n}, °", _degrees(imu[:, i]), _degrees(ref[:, i])) for i, n in enumerate(("roll", "pitch", "heading"))
-    ]
+    imu, ref = traces.roll_pitch_heading(shown.q_imu), traces.roll_pitch_heading(shown.q_ref)
+    angles = panels(("roll", "pitch", "heading"), "°", imu, ref)
     if "tilt" in kind:
         return angles[:2]
     if not shown.has_position or any(word in kind for word in ("heading", "compass", "declination")):
         return angles[2:]
     if "velocity" in kind:
-        pairs = zip(("north", "east", "down"), shown.velocity_imu.T, shown.velocity_ref.T, strict=True)
-        return [both(f"{name}, m/s", own, other) for name, own, other in pairs]
-    signs = (1, 1, -1)
-    places = [
-        both(f"{name}, m", sign * shown.position_imu[:, i], sign * shown.position_ref[:, i])
-        for i, (name, sign) in enumerate(zip(("north", "east", "height"), signs, strict=True))
-    ]
+        return panels(("north", "east", "down"), "m/s", shown.velocity_imu, shown.velocity_ref)
+    up = np.array((1.0, 1.0, -1.0))
+    places = panels(("north", "east", "height"), "m", up * shown.position_imu, up * shown.position_ref)
     return places[2:] if "height" in kind or "barometer" in kind else places
 
 
@@ -192,19 +190,8 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
     part = _between(t[1:], low, high)
     if part.stop - part.start < 2:
         return []
-    drawn = traces.line(
-        t[1:][part], np.diff(t)[part], subject.comparison.track.source, subject.colour, line={"shape": "vh"}
-    )
+    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.imu, subject.colour, line={"shape": "vh"})
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
-
-
-def _degrees(angle: Array) -> Array:
-    """Angles (N,) rad without steps at ±180°, °."""
-    return np.asarray(np.degrees(np.unwrap(angle)))
-
-
-def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:
-    return [traces.line(t, values[:, i], name, colour, breaks=breaks) for i, (name, colour) in enumerate(AXES)]
 
 
 def _between(t: Array, low: float, high: float) -> slice:
@@ -245,7 +232,7 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
         for one, colour in zip(compared.lanes, colours, strict=False):
             known = one.known(quantity) & compared.judged
             if known.sum() > 1:
-                size = factor * np.linalg.norm(one.error[quantity][known], axis=1)
+                size = factor * length(one.error[quantity][known])
                 t = compared.t[known]
                 drawn.append(traces.line(t, size, text(one.lane.name), colour, breaks=traces.gaps(t)))
         if drawn:
@@ -254,7 +241,7 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
         return ""
     spans = [(span.start_s, span.end_s) for span in lanes.spans[1:]]
     figure = traces.stack(panels, traces.TIME, spans=spans)
-    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.", rows=len(panels))
+    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.")
 
 
 def preflight_section(subject: Subject) -> list[Section]:

@@ -75,9 +75,6 @@ class Section:
     folded: bool = False  # on screen, until it is opened
 
 
-ROW_PX = 190
-"""Height of one panel."""
-
 _LAYOUT: dict[str, Any] = {
     "template": {},
     "autosize": True,
@@ -100,11 +97,11 @@ class Charts:
     def __init__(self) -> None:
         self._drawn: list[Figure] = []
 
-    def add(self, figure: Figure, caption: str, *, rows: float = 1.5, square: bool = False) -> str:
-        """The place of a figure, as HTML. `caption` is text; the figure is `rows` panels high, or `square`."""
+    def add(self, figure: Figure, caption: str, *, rows: float | None = None, square: bool = False) -> str:
+        """The place of a figure, as HTML. `caption` is text; the figure is `height_px` high, or `square`."""
         self._drawn.append(laid_out(figure))
         kind = "chart square" if square else "chart"
-        height = "" if square else f' style="height:{60 + rows * ROW_PX:.0f}px"'
+        height = "" if square else f' style="height:{height_px(figure, rows):.0f}px"'
         return (
             f'<figure><div class="{kind}" id="chart{len(self._drawn)}"{height}></div>'
             f"<figcaption>{text(caption)}</figcaption></figure>"
@@ -113,6 +110,12 @@ class Charts:
     def json(self) -> str:
         """All figures as one JSON array, chart1 first. Non-finite numbers outside of arrays become null."""
         return msgspec.json.encode(self._drawn, enc_hook=_plain).decode()
+
+
+def height_px(figure: Figure, rows: float | None = None) -> float:
+    """How high a figure is drawn that is `rows` panels high; None: as many as it has."""
+    panels = sum(name.startswith("yaxis") for name in figure["layout"])
+    return 60 + 190 * (panels if rows is None else rows)
 
 
 @cache

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 from itertools import cycle
 
 import numpy as np
 
-from companion.comparison import window
+from companion.comparison import length, window
 from companion.estimation import BestEstimate
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight
 from companion.present import cause_lines, facts, heading, palette, paragraph, table, text, timeline, vehicle_words
 from companion.report import traces
 from companion.report.html_page import Charts, Section, sheet
-from companion.strapdown import quaternion
 from companion.verdict import Incident, imus_within
 
 _AXIS = "seconds from the moment"
@@ -27,8 +25,7 @@ def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None,
     figure = charts.add(
         traces.stack(panels, _AXIS, spans=[(0.0, incident.end_s - incident.moment.t)]),
         "Everything on one time axis; the moment is at zero. Heights are from where the vehicle was then.",
-        rows=len(panels),
-    )  # fmt: skip
+    )
     titles = ("cause", "probability", "what speaks for it")
     sections = [
         Section("causes", "Probable causes", table(titles, cause_lines(incident), words=3)),
@@ -51,28 +48,26 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
     attitudes = [(name, colour, one.t, one.q_ned_frd) for name, colour, one in sources if one is not None]
     colours = palette.of_imus(flight.imus)
     imus = [(text(one.source), colours[one.source], one) for one in imus_within(flight, start, stop)]
+    rates = [(name, shade, one.t, one.gyro) for name, shade, one in imus]
+    forces = [(name, shade, one.t, one.accel) for name, shade, one in imus]
     for title, lines in (
-        ("roll, °", _lines(incident, attitudes, partial(_angle, 0))),
-        ("pitch, °", _lines(incident, attitudes, partial(_angle, 1))),
-        (
-            "rate, °/s",
-            _lines(incident, [(name, shade, one.t, one.gyro) for name, shade, one in imus], _length, np.degrees(1.0)),
-        ),
-        ("force, m/s²", _lines(incident, [(name, shade, one.t, one.accel) for name, shade, one in imus], _length)),
+        ("roll, °", _lines(incident, attitudes, lambda q: traces.roll_pitch_heading(q)[:, 0])),
+        ("pitch, °", _lines(incident, attitudes, lambda q: traces.roll_pitch_heading(q)[:, 1])),
+        ("rate, °/s", _lines(incident, rates, lambda rate: np.degrees(1.0) * length(rate))),
+        ("force, m/s²", _lines(incident, forces, length)),
     ):
         if lines:
             yield traces.Panel(title, lines)
     if flight.actuators is not None:
         part = window(flight.actuators.t, start, stop)
         t, output = flight.actuators.t[part] - zero, flight.actuators.output[part]
-        used = [
-            i
-            for i in range(output.shape[1])
-            if len(t) > 1 and np.isfinite(output[:, i]).all() and output[:, i].std() > 0
-        ]
         colour = cycle((*palette.IMUS, palette.AUTOPILOT, palette.DIFFERENCE, palette.GPS))
-        if used:
-            lines = [traces.line(t, 100.0 * output[:, i], f"output {i + 1}", next(colour)) for i in used]
+        lines = [
+            traces.line(t, 100.0 * one, f"output {i}", next(colour))
+            for i, one in enumerate(output.T, 1)
+            if len(t) > 1 and np.isfinite(one).all() and one.std() > 0
+        ]
+        if lines:
             yield traces.Panel("outputs, %", lines, {"range": [-2, 102]})
     if (position := flight.position) is not None:
         part = window(position.t, start, stop)
@@ -82,28 +77,16 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
             yield traces.Panel("height, m", [traces.line(t, -moved, "estimator", palette.AUTOPILOT)])
             speeds = [("estimator", palette.AUTOPILOT, position.t, position.velocity)]
             speeds += [("GPS", palette.GPS, one.t, np.nan_to_num(one.velocity)) for one in flight.gps[:1]]
-            yield traces.Panel("speed, m/s", _lines(incident, speeds, _length))
+            yield traces.Panel("speed, m/s", _lines(incident, speeds, length))
 
 
 def _lines(
-    incident: Incident,
-    tracks: Iterable[tuple[str, palette.Rgb, Array, Array]],
-    of: Callable[[Array], Array],
-    factor: float = 1.0,
+    incident: Incident, tracks: Iterable[tuple[str, palette.Rgb, Array, Array]], of: Callable[[Array], Array]
 ) -> list[traces.Trace]:
-    """A line for each track (name, colour, times, values) with two samples or more: `of` its values, times a factor."""
+    """A line for each track (name, colour, times, values) with two samples or more: `of` its values."""
     lines = []
     for name, colour, t, values in tracks:
         part = window(t, incident.start_s, incident.end_s)
         if len(t[part]) > 1:
-            lines.append(traces.line(t[part] - incident.moment.t, factor * of(values[part]), name, colour))
+            lines.append(traces.line(t[part] - incident.moment.t, of(values[part]), name, colour))
     return lines
-
-
-def _angle(axis: int, q: Array) -> Array:
-    """Roll or pitch (N,), °, without steps at ±180°."""
-    return np.asarray(np.degrees(np.unwrap(quaternion.to_euler(q)[:, axis])))
-
-
-def _length(vectors: Array) -> Array:
-    return np.asarray(np.linalg.norm(vectors, axis=1))

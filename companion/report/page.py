@@ -242,9 +242,7 @@ def _usual(subject: Subject) -> str:
 
 def _worst(subject: Subject) -> str:
     """Where IMU and autopilot are farthest apart, and how far they may be there, in a sentence."""
-    shown = subject.replay
-    worst = worst_stretch(shown) if shown is not None else None
-    if shown is None or worst is None:
+    if subject.replay is None or (worst := worst_stretch(subject.replay)) is None:
         return ""
     sentence = (
         f"IMU and autopilot are farthest apart at {worst.end_s:.1f} s: {short(worst.apart_m)} m, "

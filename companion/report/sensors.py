@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion import present
-from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise
-from companion.model import Array, counted
+from companion.comparison import PARTS, Calibration, ImuNoise, RedundantImu, RestNoise, imu_noise
+from companion.model import Array, DataError, counted
 from companion.noise import AllanDeviation, Spectrum, imu_spectrum, vibration
 from companion.present import (
     CALIBRATED,
@@ -31,7 +31,8 @@ from companion.present import (
     words,
 )
 from companion.report import traces
-from companion.report.subject import AXES, Subject
+from companion.report.subject import Subject
+from companion.report.traces import AXES
 from companion.verdict import clip_counts
 
 
@@ -79,7 +80,7 @@ def redundant_imus(subject: Subject) -> str:
     figure["layout"] |= {"hovermode": "closest", "bargap": 0.5, "showlegend": False}
     seconds = others[0].drift.horizon_s
     caption = f"Drift after {seconds:g} s: bar to the median, line to 95 %. This report is about {subject.imu}."
-    return shown + subject.charts.add(figure, caption, rows=len(panels))
+    return shown + subject.charts.add(figure, caption)
 
 
 def _values(fit: Calibration, name: str) -> str:
@@ -141,12 +142,14 @@ def _bars(others: Sequence[RedundantImu], attribute: str, colours: Mapping[str, 
 
 def noise(subject: Subject) -> str:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
-    measured = subject.noise
-    if isinstance(measured, str):
-        return paragraph(f"Not known: {measured}")
+    spec, limits = subject.assessment.imu_spec, subject.comparison.how.limits
+    try:
+        measured = imu_noise(subject.flight, subject.imu, spec, limits)
+    except DataError as error:
+        return paragraph(f"Not known: {error}")
     rows = []
     for sensor in SENSORS:
-        sheet = short(getattr(measured.imu_spec, sensor.key).noise_density * sensor.factor)
+        sheet = short(getattr(spec, sensor.key).noise_density * sensor.factor)
         resting = getattr(measured.rest, f"{sensor.key}_axes", (None, None, None))
         flying = getattr(measured.flight, sensor.key) if measured.flight else None
         for i, (axis, _) in enumerate(AXES):
@@ -195,10 +198,9 @@ def spectra(subject: Subject) -> str:
     spectrum = imu_spectrum(comparison.track, subject.longest_step)
     if spectrum is None:
         return paragraph("Not drawn: no stretch without a gap is long enough for a spectrum (32 samples).")
-    panels = traces.densities(
+    figure = traces.densities(
         lambda sensor: _densities(spectrum, getattr(spectrum, sensor), getattr(spec, sensor).noise_density)
     )
-    figure = traces.stack(panels, "frequency, Hz", type="log")
     caption = (
         f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
         f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
@@ -225,8 +227,8 @@ def _side_by_side(subject: Subject, own: Spectrum) -> str:
             for name, density in densities.items()
         ]
 
-    figure = traces.stack(traces.densities(lines), "frequency, Hz", type="log")
-    return subject.charts.add(figure, "Every IMU beside the others, root of the sum over its axes.", rows=3)
+    caption = "Every IMU beside the others, root of the sum over its axes."
+    return subject.charts.add(traces.densities(lines), caption, rows=3)
 
 
 def shaking(subject: Subject) -> str:
@@ -244,12 +246,8 @@ def _reported(subject: Subject) -> str:
     names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
     if series is None or not names or len(series) < 2:
         return ""
-    colours = [subject.colour] if len(names) == 1 else palette.AXES
-    titles = ["all axes"] if len(names) == 1 else [name for name, _ in AXES]
-    lines = [
-        traces.line(series.t, series[name], title, colour)
-        for name, title, colour in zip(names, titles, colours, strict=True)
-    ]
+    titles = [("all axes", subject.colour)] if len(names) == 1 else AXES
+    lines = [traces.line(series.t, series[name], *title) for name, title in zip(names, titles, strict=True)]
     clips = [counter.readings for counter in clip_counts(series)]
     caption = f"The vehicle's own measure ({series.source})."
     if len(names) == 3:
@@ -264,25 +262,21 @@ def _measured(subject: Subject) -> str:
     seen = vibration(subject.comparison.track, subject.longest_step)
     if seen is None:
         return ""
-    lines = [traces.line(seen.t, seen.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
     caption = (
         f"Specific force of {subject.imu} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
         "from the IMU at its full rate: what the stream's low-pass and rate have lost is missing here."
     )
-    return _over_time(subject, "above 5 Hz, m/s²", lines, caption)
+    return _over_time(subject, "above 5 Hz, m/s²", traces.by_axis(seen.t, seen.accel), caption)
 
 
 def _over_time(subject: Subject, title: str, lines: list[traces.Trace], caption: str) -> str:
     panel = traces.Panel(title, lines, {"rangemode": "tozero"})
-    return subject.charts.add(traces.stack([panel], traces.TIME), caption)
+    return subject.charts.add(traces.stack([panel], traces.TIME), caption, rows=1.5)
 
 
 def _densities(spectrum: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:
     used = slice(1, None)  # a logarithmic axis has no zero
     frequency = spectrum.frequency_hz[used]
-    lines = [
-        traces.line(frequency, np.sqrt(0.5 * np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
-        for i, (name, colour) in enumerate(AXES)
-    ]
+    lines = traces.by_axis(frequency, np.sqrt(0.5 * np.maximum(power[used], 1e-30)), limit=2048)
     floor = traces.curve(frequency[[0, -1]], np.full(2, sheet), "data sheet", palette.CURSOR, line={"dash": "dash"})
     return [*lines, floor]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion import present
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
-from companion.comparison import Comparison, Expectation, ImuNoise, Replay, imu_noise, replay
-from companion.model import CompanionError, DataError, Flight
+from companion.comparison import Comparison, Expectation, Replay, replay
+from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.report.html_page import Charts
 from companion.verdict import Assessment, Finding
@@ -27,7 +26,6 @@ class Subject:
     replay: Replay | None  # what is drawn over time; None where it cannot be made
     why_no_replay: str
     expected: Expectation | None  # of the replay's errors; None without a replay, or where nothing can be expected
-    noise: ImuNoise | str  # or why it is not known
 
     @property
     def flight(self) -> Flight:
@@ -80,30 +78,21 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     """Everything that the sections share."""
     assessment, flight = examined.assessment, examined.flight
     comparison = assessment.comparison
-    track, how = comparison.track, comparison.how
-    shown, why = None, ""
+    track = comparison.track
+    shown, why, expected = None, "", None
     try:
-        shown = replay(
+        replayed = replay(
             flight.with_imu(track),
             imu=track.source,
-            how=how,
+            how=comparison.how,
             reanchor_s=settings.view.reanchor_s or None,
             reference=comparison.reference,
         )
     except CompanionError as error:
         why = str(error)
-    expected = None
-    if shown is not None:
+    else:
         # With the anchor that `companion view` adds where it opens, so that both have the same numbers.
-        display, horizon_s = display_trajectory(shown, track), first_horizon(settings.drift.horizons_s)
+        display, horizon_s = display_trajectory(replayed, track), first_horizon(settings.drift.horizons_s)
         result = analysed(flight, display, assessment, horizon_s, settings.view.reanchor_s or None)
-        shown, expected = result.replay or shown, result.expected
-    try:
-        noise: ImuNoise | str = imu_noise(flight, track.source, assessment.imu_spec, how.limits)
-    except DataError as error:
-        noise = str(error)
-    return Subject(examined, source, settings, charts, shown, why, expected, noise)
-
-
-AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))
-"""The body's axes and their colours."""
+        shown, expected = result.replay or replayed, result.expected
+    return Subject(examined, source, settings, charts, shown, why, expected)

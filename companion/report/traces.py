@@ -9,21 +9,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from companion import present
 from companion.comparison import Replay
 from companion.estimation import BestEstimate
 from companion.model import Array, Flight, longest_step
 from companion.present import palette, paragraph, short, text
 from companion.report.html_page import Charts, Figure
+from companion.strapdown import quaternion
 from companion.view import best_path, extremes, worst_stretch
 
 Trace = dict[str, Any]
 
 TIME = "seconds since boot"
 """The axis of time."""
-MOST_POINTS = 1200
+_MOST_POINTS = 1200
 """Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
 
 GREY = palette.CURSOR
+AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))
+"""The body's axes and their colours."""
 
 
 def line(
@@ -33,7 +37,7 @@ def line(
     colour: palette.Rgb,
     *,
     breaks: Array | None = None,
-    limit: int = MOST_POINTS,
+    limit: int = _MOST_POINTS,
     **more: Any,
 ) -> Trace:
     """A line (N,) over (N,), thinned, interrupted at `breaks` (times)."""
@@ -43,6 +47,16 @@ def line(
         at = _breaks_among(x, breaks)
         x, y = np.insert(x, at, x[at]), np.insert(y, at, np.nan)
     return curve(x, y, name, colour, **more)
+
+
+def by_axis(x: Array, values: Array, **more: Any) -> list[Trace]:
+    """A line for each axis of the body: values (N, 3) over (N,)."""
+    return [line(x, values[:, i], name, colour, **more) for i, (name, colour) in enumerate(AXES)]
+
+
+def roll_pitch_heading(q: Array) -> Array:
+    """Those (N, 3) of attitudes (N, 4), °, without steps at ±180°."""
+    return np.asarray(np.degrees(np.unwrap(quaternion.to_euler(q), axis=0)))
 
 
 def _breaks_among(t: Array, breaks: Array) -> npt.NDArray[np.intp]:
@@ -76,10 +90,11 @@ def markers(x: Sequence[object] | Array, y: Sequence[object] | Array, name: str,
     return {"type": "scatter", "mode": "markers", "x": x, "y": y, "name": name, **more}
 
 
-def densities(lines: Callable[[str], Sequence[Trace]]) -> list[Panel]:
-    """Both sensors over logarithmic axes; lines: of "gyro" or "accel"."""
+def densities(lines: Callable[[str], Sequence[Trace]]) -> Figure:
+    """Spectra of both sensors over logarithmic axes; lines: of "gyro" or "accel"."""
     units = {"gyro": "rad/s/√Hz", "accel": "m/s²/√Hz"}
-    return [Panel(f"{sensor}, {unit}", lines(sensor), {"type": "log"}) for sensor, unit in units.items()]
+    panels = [Panel(f"{sensor}, {unit}", lines(sensor), {"type": "log"}) for sensor, unit in units.items()]
+    return stack(panels, "frequency, Hz", type="log")
 
 
 def band(x: Array, y: Array, name: str, colour: palette.Rgb, opacity: float) -> Trace:
@@ -184,7 +199,7 @@ def track(flight: Flight, paths: Sequence[Path], charts: Charts) -> str:
     panel = Panel("height above origin, m", [*heights, *_events(flight, reference)], {"range": [low, high]})
     altitude = stack([panel], TIME)
     altitude["layout"]["hovermode"] = "x"
-    return charts.add(altitude, f"Height over time.{more}")
+    return charts.add(altitude, f"Height over time.{more}", rows=1.5)
 
 
 def regained(shown: Replay) -> Array:
@@ -254,7 +269,7 @@ def _events(flight: Flight, reference: Path) -> list[Trace]:
 
 
 def _on_the_map(path: Path) -> Trace:
-    kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * MOST_POINTS)
+    kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * _MOST_POINTS)
     t, position = path.t[kept], path.position[kept]
     at = _breaks_among(t, path.breaks)
     east, north = (np.insert(position[:, i], at, np.nan) for i in (1, 0))

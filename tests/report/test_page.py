@@ -16,7 +16,7 @@ from companion.app.examination import examine
 from companion.app.recording import read_recording
 from companion.app.settings import Settings, load_settings
 from companion.cli import main
-from companion.present import STATISTICS, palette
+from companion.present import STATISTICS, palette, words
 from companion.report import html_page, report_html
 from companion.verdict import Finding
 from tests.recordings import BUNDLED, recording
@@ -234,6 +234,8 @@ def test_the_charts_are_drawn_from_the_same_numbers(demo: str) -> None:
     bars = {t["name"]: t for figure in figures for t in figure["data"] if t["type"] == "bar" and t["yaxis"] == "y"}
     shares = [100 * row["expected"]["shares"]["attitude"]["gyro_bias"] for row in flight["drift"]]
     assert bars["gyro bias"]["y"] == pytest.approx(shares)
+    causes = {words(cause) for cause in flight["drift"][0]["expected"]["shares"]["attitude"]}
+    assert {row[0] for row in found.tables["shares-table"][1:]} == causes
     assert re.findall(r'id="chart(\d+)"', demo) == [str(i + 1) for i in range(len(figures))]
 
 
