@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import viser
@@ -37,6 +38,9 @@ class LiveController(Controller):
     """Built when the server is up, then turned over and over by the view thread."""
 
     charts: LiveCharts
+    trails = TRAILS
+    rates: ClassVar = {"look": ALONE_HZ, "panel": 4.0, "charts": 2.0}
+    mode = "Follow"
 
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: Post) -> None:
         self._feed = feed
@@ -55,15 +59,7 @@ class LiveController(Controller):
         controls.command("1 s back", "arrowleft", lambda: self._step(-1.0))
         controls.command("1 s on", "arrowright", lambda: self._step(1.0))
         nowhere = frame(np.zeros((2, 3)))
-        super().__init__(
-            server,
-            controls,
-            drone_for("QUADROTOR"),
-            nowhere,
-            TRAILS,
-            mode="Follow",
-            rates={"look": ALONE_HZ, "panel": 4.0, "charts": 2.0},
-        )
+        super().__init__(server, controls, drone_for("QUADROTOR"), nowhere)
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self.charts = LiveCharts(controls, window_s, lambda: self.is_due.at_once("charts"))
