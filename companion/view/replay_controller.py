@@ -115,9 +115,8 @@ class ReplayController(Controller):
         self._adjustments = DeadReckoningControls(controls, offer, choice.gravity, self.change, lambda: player.time)
         map_host = urlsplit(offer.map_url or "").hostname or ""
         super().__init__(server, controls, drone_for(flight.vehicle.type), frame_of(display), map_host)
-        playing = gui.add_folder("Playing", expand_by_default=False)
+        self._timeline = Timeline(controls, bottom, player, self.choose_camera)
         self._add_save(controls)
-        self._timeline = Timeline(controls, bottom, playing, player, self.choose_camera)
         dock(gui, side)
         bottom.expand()
 
