@@ -10,6 +10,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import viser
@@ -178,27 +179,20 @@ class Controller:
     """Built when the server is up; from then on only the view thread may call it."""
 
     charts: ChartPages | LiveCharts
+    trails: ClassVar[Mapping[str, TrailSpan]]  # by their names, the first is chosen
+    rates: ClassVar[Mapping[str, float]]  # Hz, see `Cadence`
+    mode: ClassVar[CameraMode] = "Free"
+    expects: ClassVar[bool] = False  # whether the ellipsoid can be drawn: how far off the autopilot should be is known
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        controls: Controls,
-        drone: Drone,
-        framing: Framing,
-        trails: Mapping[str, TrailSpan],
-        *,
-        mode: CameraMode = "Free",
-        expects: bool = False,
-        map_host: str = "",
-        rates: Mapping[str, float],
+        self, server: viser.ViserServer, controls: Controls, drone: Drone, framing: Framing, map_host: str = ""
     ) -> None:
         """Adds the folder of what can be chosen of the picture.
 
-        trails: by their names, the first is chosen; expects: whether it is known how far the autopilot should be, and
-        the ellipsoid can be drawn; map_host: whose map can be laid under the flight, "" for none; rates: see `Cadence`.
+        map_host: whose map can be laid under the flight, "" for none.
         """
-        self._server, self.drone, self._trails = server, drone, trails
-        self.is_due = Cadence(trails=8.0, **rates)
+        self._server, self.drone = server, drone
+        self.is_due = Cadence(trails=8.0, **self.rates)
         self._laying_out: list[float] = []
         self.joined_at = 0.0  # s of the steady clock, when a page was opened last
         self.pose_updates = 0
@@ -206,7 +200,7 @@ class Controller:
         self.scene = Scene(server.scene, drone)
         gui = controls.gui
         with (folder := gui.add_folder("Picture", expand_by_default=False)):
-            self._trail = gui.add_dropdown("Paths", tuple(trails))
+            self._trail = gui.add_dropdown("Paths", tuple(self.trails))
             self.extra_path_boxes = {
                 name: gui.add_checkbox(label, shown, hint=hint, visible=False)
                 for name, (label, hint, shown) in EXTRA_PATHS.items()
@@ -221,7 +215,7 @@ class Controller:
             self._ellipsoid = gui.add_checkbox(
                 "3σ ellipsoid",
                 False,
-                visible=expects,
+                visible=self.expects,
                 hint="Around the IMU: where the autopilot should be, if nothing is wrong",
             )
             self.arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
@@ -229,7 +223,7 @@ class Controller:
         controls.on_change(self._trail, lambda _: self.is_due.at_once("trails"))
         controls.on_change(self.arrows, lambda _: setattr(self, "stale", True))
         controls.on_change(self._dark, lambda _: self._theme())
-        self.browsers = Browsers(server, folder, controls, self.choose_camera, mode, framing)
+        self.browsers = Browsers(server, folder, controls, self.choose_camera, self.mode, framing)
         self._theme()
 
     def turn(self, now: float, dt: float) -> None:
@@ -294,7 +288,7 @@ class Controller:
     def draw_trails(self, now: float, sample: Sample, show: Callable[[float, float], None]) -> None:
         """Show the paths as they are at `sample`, when that is due."""
         if self.is_due("trails", now):
-            span = self._trails.get(self._trail.value, TrailSpan(None))
+            span = self.trails.get(self._trail.value, TrailSpan(None))
             show(*span.around(sample.t, sample.t - sample.since_anchor_s))
 
     def draw_charts(self, now: float, draw: Callable[[], None]) -> None:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import viser
 
-from companion.model import DataError, Flight
+from companion.model import DataError
 from companion.present import vehicle_words
 from companion.view.controller import Controller
 from companion.view.panels.chart_pages import LiveCharts
@@ -37,16 +38,16 @@ class LiveController(Controller):
     """Built when the server is up, then turned over and over by the view thread."""
 
     charts: LiveCharts
+    trails = TRAILS
+    rates: ClassVar = {"look": ALONE_HZ, "panel": 4.0, "charts": 2.0}
+    mode = "Follow"
 
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: Post) -> None:
         self._feed = feed
         self._history = History(window_s, LOOK_HZ)
         self._newest = 0.0  # s, boot clock, of the pose that was written last
-        self._shown: tuple[str, int] | None = None  # vehicle and boot
-        self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # who, whether there is a position, all IMUs
-        self._display: DisplayTrajectory | None = None  # the present
-        self._flight: Flight | None = None  # its last seconds
-        self._free: FreeRun | None = None  # the present
+        self._present: tuple[Seen, DisplayTrajectory] | None = None  # what was seen last, and that ready for the eye
+        self._introduced: tuple[object, ...] = ()  # vehicle, boot, whether there is a position, its words, all IMUs
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         controls = Controls(server.gui, post)
         panel = self._panel = LivePanel(controls, feed, window_s, self.change, self.choose_camera)
@@ -58,15 +59,7 @@ class LiveController(Controller):
         controls.command("1 s back", "arrowleft", lambda: self._step(-1.0))
         controls.command("1 s on", "arrowright", lambda: self._step(1.0))
         nowhere = frame(np.zeros((2, 3)))
-        super().__init__(
-            server,
-            controls,
-            drone_for("QUADROTOR"),
-            nowhere,
-            TRAILS,
-            mode="Follow",
-            rates={"look": ALONE_HZ, "panel": 4.0, "charts": 2.0},
-        )
+        super().__init__(server, controls, drone_for("QUADROTOR"), nowhere)
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self.charts = LiveCharts(controls, window_s, lambda: self.is_due.at_once("charts"))
@@ -137,25 +130,19 @@ class LiveController(Controller):
         super().choose_camera(mode, browser)
 
     def _take(self, seen: Seen) -> None:
-        """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
+        """Keep what is seen now."""
         try:
             display = present(seen.replay)
         except DataError:
             return  # it has diverged beyond what a screen can show: the next anchor mends it
-        shown = (str(seen.flight.vehicle), seen.flight.boot)
-        if shown != self._shown:
-            self._shown, self._held, self._introduced = shown, None, None
-            self._history.clear()
-            self.drone = drone_for(seen.flight.vehicle.type)
         self._introduce(seen, display)
-        self._display, self._flight = display, seen.flight
+        self._present = seen, display
         if display.replay.has_position:
             low = float(display.replay.position_ref[-1, 2])
             if low > self.browsers.framing.ground + _SUNK_M:
                 self.browsers.framing = replace(self.browsers.framing, ground=low)
                 self.scene.ground.sink(low)
         self._live_trails.add(display, seen.free)
-        self._free = free_run(seen.free, display.end) if seen.free else None
         self._history.add(seen.replay, seen.free)
 
     def _lay_out(self, seen: Seen, display: DisplayTrajectory) -> None:
@@ -169,40 +156,47 @@ class LiveController(Controller):
         self.browsers.reframe()
 
     def _introduce(self, seen: Seen, display: DisplayTrajectory) -> None:
-        vehicle = seen.flight.vehicle
-        who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
-        now = (who, seen.replay.has_position, tuple(seen.flight.imus))
-        if now == self._introduced:
+        """Show who is seen, where that has changed. Another vehicle or boot begins with nothing behind it."""
+        flight, has_position, imus = seen.flight, seen.replay.has_position, tuple(seen.flight.imus)
+        who = f"{vehicle_words(flight.vehicle)}, vehicle {flight.vehicle}, boot {flight.boot}, {seen.imu}"
+        before, now = self._introduced, (str(flight.vehicle), flight.boot, has_position, who, imus)
+        if now == before:
             return
-        if self._introduced is None or self._introduced[1] != seen.replay.has_position:
+        if now[:2] != before[:2]:
+            self._held = None
+            self._history.clear()
+            self.drone = drone_for(flight.vehicle.type)
+        if now[:3] != before[:3]:
             self._lay_out(seen, display)
         self._introduced, self.stale = now, True
-        self._panel.introduce(
-            who, tuple(seen.flight.imus), self._feed.choice.imu, has_position=seen.replay.has_position
-        )
+        self._panel.introduce(who, imus, self._feed.choice.imu, has_position=has_position)
         self.is_due.at_once()  # the numbers of another IMU do not stand below its name
 
     def _instant(self) -> tuple[Sample | None, FreeRun | None]:
         """What is shown, and the free run then: now, or where it is looked back at. Times are on the boot clock."""
-        if self._held is None:
-            return (self._display.at(self._display.end) if self._display else None), self._free
-        past, at = self._held
-        sample = past.display.at(at)
-        return replace(sample, t=sample.t + past.end), past.free_at(at)
+        if self._held is not None:
+            past, at = self._held
+            sample = past.display.at(at)
+            return replace(sample, t=sample.t + past.end), past.free_at(at)
+        if self._present is None:
+            return None, None
+        seen, display = self._present
+        return display.at(display.end), free_run(seen.free, display.end) if seen.free else None
 
     def _report(self, sample: Sample | None, free: FreeRun | None) -> None:
         status, held_s = self._feed.status, None
-        if sample is not None and self._display is not None and self._flight is not None:
+        if sample is not None and self._present is not None:
+            seen, display = self._present
             self._live_trails.resize(self.annotate(sample))
             silent = self._held is None and bool(status.link.problem)
-            has_position = self._display.replay.has_position
+            has_position = display.replay.has_position
             self._panel.numbers.content = numbers(sample, free, has_position=has_position, silent=silent)
-            if sample.t >= self._flight.start:
-                below = bands(self._flight, self._display)
+            if sample.t >= seen.flight.start:
+                below = bands(seen.flight, display)
                 self._panel.flight.content = flight_data(
-                    sample, self._flight, below, has_position=has_position, of_log=False
+                    sample, seen.flight, below, has_position=has_position, of_log=False
                 )
-            held_s = None if self._held is None else self._display.end - sample.t
+            held_s = None if self._held is None else display.end - sample.t
         self._panel.report(status, held_s)
 
     def _chart(self) -> None:

@@ -17,7 +17,7 @@ from companion.view.controller import Controller
 from companion.view.live_controller import TURN_HZ, LiveController
 from companion.view.panels.controls import Call, Post
 from companion.view.replay_controller import ReplayController
-from companion.view.server.web_server import close_server, find_address, open_server
+from companion.view.server.web_server import Address, close_server, find_address, open_server
 from companion.view.state.live import Feed
 from companion.view.state.player import Player
 from companion.view.state.trajectory import Examine, Offer, Recompute, ReplayChoice
@@ -33,21 +33,10 @@ Behind = TypeVar("Behind", bound=Controller)
 class Page(Generic[Behind]):
     """A web page. A resource: close it, or use it in a `with` block.
 
-    build: makes what stands behind the page, once the server is up. or_next: where the port is taken, the next that is
-    free. token: required on 127.0.0.1 too. Raises InputError for an address that is none.
+    build: makes what stands behind the page, once the server is up.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        rate_hz: float,
-        build: Callable[[viser.ViserServer, Post], Behind],
-        *,
-        or_next: bool = True,
-        token: bool = False,
-    ) -> None:
-        address = find_address(host, port, or_next=or_next, token=token)
+    def __init__(self, address: Address, rate_hz: float, build: Callable[[viser.ViserServer, Post], Behind]) -> None:
         self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
         self._called = threading.Event()  # there is a call, or it is stopped
         self._server = open_server(
@@ -173,6 +162,9 @@ class Viewer(Page[ReplayController]):
 
     The first dead reckoning is done in the constructor, so that a flight that cannot be shown raises there
     (CompanionError), before anything is served. The analysis result comes while it is looked at.
+
+    or_next: where the port is taken, the next that is free. token: required on 127.0.0.1 too. Raises InputError for an
+    address that is none.
     """
 
     def __init__(
@@ -196,14 +188,11 @@ class Viewer(Page[ReplayController]):
         first = requested if requested.imu else replace(requested, imu=chosen.default_imu)
         display = recompute(chosen, first)
         super().__init__(
-            host,
-            port,
+            find_address(host, port, or_next=or_next, token=token),
             POSE_HZ,
             lambda server, post: ReplayController(
                 server, tuple(flights), recompute, examine, offer or Offer(), chosen, first, display, post
             ),
-            or_next=or_next,
-            token=token,
         )
 
     @property
@@ -215,12 +204,12 @@ class Viewer(Page[ReplayController]):
 class LiveViewer(Page[LiveController]):
     """A link in the browser. A resource, see `Page`.
 
-    feed: belongs to the view thread from now on. window_s: how far charts and trails reach back.
+    feed: belongs to the view thread from now on. window_s: how far charts and trails reach back. token: required on
+    127.0.0.1 too. Raises InputError for an address that is none.
     """
 
     def __init__(
         self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080, token: bool = False
     ) -> None:
-        super().__init__(
-            host, port, TURN_HZ, lambda server, post: LiveController(server, feed, window_s, post), token=token
-        )
+        address = find_address(host, port, token=token)
+        super().__init__(address, TURN_HZ, lambda server, post: LiveController(server, feed, window_s, post))

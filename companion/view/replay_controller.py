@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -75,6 +75,9 @@ class ReplayController(Controller):
     """One session: built when the server is up, then turned over and over by the view thread."""
 
     charts: ChartPages
+    trails = TRAILS
+    rates: ClassVar = {"labels": 8.0, "charts": 4.0, "progress": 2.0}
+    expects = True
 
     def __init__(
         self,
@@ -110,19 +113,10 @@ class ReplayController(Controller):
         )
         self._stages = [one for one in stages if one[0] is not None]
         self._adjustments = DeadReckoningControls(controls, offer, choice.gravity, self.change, lambda: player.time)
-        super().__init__(
-            server,
-            controls,
-            drone_for(flight.vehicle.type),
-            frame_of(display),
-            TRAILS,
-            expects=True,
-            map_host=urlsplit(offer.map_url or "").hostname or "",
-            rates={"labels": 8.0, "charts": 4.0, "progress": 2.0},
-        )
-        playing = gui.add_folder("Playing", expand_by_default=False)
+        map_host = urlsplit(offer.map_url or "").hostname or ""
+        super().__init__(server, controls, drone_for(flight.vehicle.type), frame_of(display), map_host)
+        self._timeline = Timeline(controls, bottom, player, self.choose_camera)
         self._add_save(controls)
-        self._timeline = Timeline(controls, bottom, playing, player, self.choose_camera)
         dock(gui, side)
         bottom.expand()
 

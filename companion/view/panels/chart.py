@@ -116,11 +116,9 @@ class Chart:
         self._heading.content = self._legend + heading(self._drawing.title, values)
 
     def _series(self) -> tuple[uplot.Series, ...]:
-        return (
-            uplot.Series(label=self._time),
-            *(series(*line.style) for line in self._drawing.lines),
-            series("now", palette.CURSOR, 1.2, None, 0.22, scale="now"),
-        )
+        now = series("now", palette.CURSOR, 1.2, None, 0.22)
+        now["scale"] = "now"
+        return (uplot.Series(label=self._time), *(series(*line.style) for line in self._drawing.lines), now)
 
 
 LineStyle = tuple[str, Rgb, float, Dash | None]
@@ -179,14 +177,7 @@ def relayout(charts: Iterable[Chart | LogChart]) -> None:
 
 
 def series(
-    label: str,
-    colour: Rgb,
-    width: float,
-    dash: Dash | None,
-    fill: float = 0.0,
-    *,
-    scale: str | None = None,
-    points: bool = False,
+    label: str, colour: Rgb, width: float, dash: Dash | None, fill: float = 0.0, *, points: bool = False
 ) -> uplot.Series:
     """A line as uPlot wants it. fill: opacity of the area between it and zero."""
     line = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": points})
@@ -194,8 +185,6 @@ def series(
         line["dash"] = dash
     if fill > 0:
         line["fill"] = palette.rgba(colour, fill)
-    if scale is not None:
-        line["scale"] = scale
     return line
 
 

@@ -81,14 +81,7 @@ def outside(spans: Sequence[Span], low: float, high: float) -> str:
     return f"{before + after} {noun} outside the replay: {', '.join(parts)}."
 
 
-def markup(
-    shown: Bands,
-    low: float,
-    high: float,
-    curve: ErrorCurve | None = None,
-    colour: Rgb = palette.IMU,
-    moment: Moment | None = None,
-) -> str:
+def markup(shown: Bands, low: float, high: float, curve: ErrorCurve, colour: Rgb, moment: Moment | None) -> str:
     """The strip between two times, as HTML of `HEIGHT` pixels; its words as text.
 
     curve: the error that is drawn, in the colour of its IMU; moment: what is pointed at.
@@ -115,8 +108,7 @@ def markup(
         if span.end_s >= low and span.start_s <= high:
             opacity = 0.35 if span.severity == "info" else 0.85
             rows.append(_box(*place(span), *_FINDINGS, (*palette.SEVERITIES[span.severity], opacity)))
-    if curve is not None:
-        rows.append(_curve(curve, low, high, colour))
+    rows.append(_curve(curve, low, high, colour))
     return (
         f'<div class="companion-bands" style="position:relative;height:{HEIGHT}px;'
         f'background:rgba{(*palette.BAND, palette.BAND_OPACITY)}">{"".join(rows)}</div>'

@@ -31,14 +31,9 @@ class Timeline:
     """The controls of time. Built once; `load` fits them to a flight, `show` writes the instant into them."""
 
     def __init__(
-        self,
-        controls: Controls,
-        panel: viser.PanelHandle,
-        folder: viser.GuiFolderHandle,
-        player: Player,
-        choose_camera: ChooseCamera,
+        self, controls: Controls, panel: viser.PanelHandle, player: Player, choose_camera: ChooseCamera
     ) -> None:
-        """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
+        """`panel` becomes the timeline; what is set once and seldom changed goes into a folder where this is called."""
         gui, on = controls.gui, controls.on_change
         self._player = player
         self._span = self._near = player.whole  # what the strip shows; about what is pointed at
@@ -52,7 +47,7 @@ class Timeline:
             self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the vehicle's boot")
             self._strip = gui.add_html("")
         panel.float(x=0, y=-1, width=WIDTH)
-        with folder:
+        with gui.add_folder("Playing", expand_by_default=False):
             speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
             backwards = gui.add_checkbox("Backwards", False)
             loop = gui.add_checkbox("Repeat", False, hint="Start again where the part ends")

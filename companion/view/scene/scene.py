@@ -6,7 +6,7 @@ whoever comes first keeps its place, and what would lie on it, or be cut off, gi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,15 +218,13 @@ class Scene:
         self._trail = Trail(scene, f"{NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER_SCALE)
         # Of the IMU that is chosen, then of the others: as many as were ever shown at once, reused.
         self._imus = [(self.imu, Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5))]
-        self._scene, self._label = scene, "IMU"
-        self._others: Sequence[DisplayTrajectory] = ()
+        self._scene = scene
         # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
         self._error = AttachedLine(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
         self._error_name = scene.add_label(
             f"{AUTOPILOT}/error_name", "", anchor="center-center", font_screen_scale=1.1, visible=False
         )
         self._sticks = [AttachedLine(scene, f"{drone}/stick", (140, 140, 140), 1.0) for drone in (AUTOPILOT, IMU)]
-        self._has_position = True
 
     def load(
         self,
@@ -242,14 +240,12 @@ class Scene:
 
         whole: whether `display` is all that is flown, so that it can be drawn at once.
         """
-        replay, source = display.replay, display.source
+        self._display, replay, known = display, display.replay, display.replay.has_position
         colours = colours or {}
-        colour = colours.get(source, palette.IMU)
-        self._label, self._has_position = source, replay.has_position
+        colour = colours.get(display.source, palette.IMU)
         self.autopilot.reshape(drone, palette.AUTOPILOT)
         self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()), colour)
         self.expected.load(colour)
-        known = replay.has_position
         self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
         outlines = {"imu": by_shape(replay.position_imu, OUTLINE), "autopilot": by_shape(replay.position_ref, OUTLINE)}
         self._trail.load(replay.t, replay.position_ref, display.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
@@ -258,8 +254,7 @@ class Scene:
         for line in (self._error, *self._sticks):
             line.node.visible = known
         self._error_name.visible = False
-        self._others = tuple(display.others.values())
-        for i in range(len(self._imus), 1 + len(self._others)):
+        for i in range(len(self._imus), 1 + len(display.others)):
             root = f"{WORLD}/other{i}"
             body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
             self._imus.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
@@ -284,18 +279,18 @@ class Scene:
         for move in self.moves(sample):
             move.show()
         self.overview.show(sample.t)
-        self.arrows.show(sample, self._has_position)
+        self.arrows.show(sample, self._display.replay.has_position)
         self.expected.put(sample.position_imu)
 
     def moves(self, sample: Sample) -> list[Move]:
         """What changes at `sample`, without what is shown on demand."""
         moves = self.imu.moves(sample.q_imu, sample.position_imu)
         moves += self.autopilot.moves(sample.q_ref, sample.position_ref)
-        if self._has_position:
+        if self._display.replay.has_position:
             moves += self._error.moves((sample.position_imu - sample.position_ref).tolist())
             for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
                 moves += stick.moves((0.0, 0.0, self.ground.level - float(place[2])))
-        for (body, _), trajectory in zip(self._imus[1:], self._others, strict=False):
+        for (body, _), trajectory in zip(self._imus[1:], self._display.others.values(), strict=False):
             other = trajectory.at(sample.t)
             moves += body.moves(other.q_imu, other.position_imu)
         return moves
@@ -306,18 +301,19 @@ class Scene:
         Those of the drones stand outside: above the one that is the upper one in the picture and below the other.
         picture: what a camera sees, in which no name lies on another.
         """
+        has_position = self._display.replay.has_position
         imu, autopilot = picture.at(sample.position_imu), picture.at(sample.position_ref)
         imu_above = imu is None or autopilot is None or imu[1] >= autopilot[1]
         self.imu.resize(span, name_at=-_NAME if imu_above else _NAME)
         self.autopilot.resize(span, name_at=_NAME if imu_above else -_NAME)
         self.arrows.resize(span)
-        self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
+        self.expected.shape(sample.covariance if has_position else np.zeros((3, 3)), sample.position_imu)
         for i, (body, _) in enumerate(self._imus[1:], 2):
             body.resize(span, name_at=1.5 * _NAME * i)  # each a line lower
-        if self._has_position:
+        if has_position:
             self._name_distance(sample, span)
         drones = [(self.imu, sample.position_imu), (self.autopilot, sample.position_ref)]
-        drones += [(body, body.position) for body, _ in self._imus[1 : 1 + len(self._others)]]
+        drones += [(body, body.position) for body, _ in self._imus[1 : 1 + len(self._display.others)]]
         names = [(body.label, place + body.label.position) for body, place in drones]
         names.append((self._error_name, sample.position_ref + self._error_name.position))
         taken = [picture.around(place, span) for _, place in drones]
@@ -328,7 +324,7 @@ class Scene:
         # On the line when there is room between the drones, else one name for both.
         apart = f"{length(sample.position_m)} apart"
         roomy = sample.position_m > 1.5 * span
-        self.imu.label.text = f"{self._label} alone" if roomy else apart
+        self.imu.label.text = f"{self._display.source} alone" if roomy else apart
         self.autopilot.label.visible = self._error_name.visible = roomy
         if roomy:
             self._error_name.text = apart

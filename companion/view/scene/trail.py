@@ -91,22 +91,15 @@ def simplified(t: Array, positions: Array, restarts: Indices, outline: Indices |
 class Trail:
     """The part of a track between two times. The nodes are made once and reused for every track that is loaded.
 
-    scale: of the lines, see `drone.NEARER`. chunks: how many lines.
+    scale: of the lines, see `drone.NEARER`.
     """
 
-    def __init__(
-        self,
-        scene: viser.SceneApi,
-        name: str,
-        colour: Rgb,
-        thickness: float,
-        *,
-        scale: float = 1.0,
-        chunks: int = CHUNKS,
-    ) -> None:
-        self._nodes = [add_lines(scene, f"{name}/{i}", colour, thickness, scale=scale) for i in range(chunks)]
+    chunks = CHUNKS
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float, *, scale: float = 1.0) -> None:
+        self._nodes = [add_lines(scene, f"{name}/{i}", colour, thickness, scale=scale) for i in range(self.chunks)]
         self._levels: list[Lines] = []
-        self._shown = [_NONE] * chunks
+        self._shown = [_NONE] * self.chunks
 
     def load(self, t: Array, positions: Array, restarts: Indices, colour: Rgb, outline: Indices | None = None) -> None:
         """Take another track: times (N,) s, positions (N, 3) NED m, broken just before each index of `restarts`.
@@ -185,10 +178,12 @@ class LiveTrail(Trail):
     drone: the node at whose place it ends. seconds: how far it reaches back; that sets how long a segment is.
     """
 
+    chunks = LIVE_CHUNKS
+
     def __init__(
         self, scene: viser.SceneApi, name: str, drone: str, colour: Rgb, thickness: float, seconds: float
     ) -> None:
-        super().__init__(scene, name, colour, thickness, chunks=LIVE_CHUNKS)
+        super().__init__(scene, name, colour, thickness)
         self._tip_line = add_lines(scene, f"{drone}/tip", colour, thickness)
         self._spacing = seconds / (CHUNK * (LIVE_CHUNKS - 1))
         self._lines = Lines(np.zeros((LIVE_CHUNKS * CHUNK, 2, 3), np.float32), np.zeros(LIVE_CHUNKS * CHUNK))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Literal, get_args
@@ -189,16 +189,24 @@ def moment_of(finding: Finding, display: DisplayTrajectory) -> Moment:
     shows = _SHOWS_IN.get(word)
     among = (shows,) if shows in known else known
     low, high = max(finding.start_s, display.start), min(finding.end_s, display.end)
-    strongest: list[tuple[float, Error, float]] = []  # of each curve: σ, error and time
-    for curve in (of(display, error) for error in among for of in (since_anchor, over_horizon)):
+    peak = _strongest((of(display, error) for error in among for of in (since_anchor, over_horizon)), low, high)
+    error, t = (peak[0].error, peak[1]) if peak is not None else (among[-1], low)
+    return Moment(error, finding.start_s, finding.end_s, t)
+
+
+def _strongest(
+    curves: Iterable[ErrorCurve | None], low: float = -np.inf, high: float = np.inf
+) -> tuple[ErrorCurve, float] | None:
+    """The one that is off by most σ of what is allowed between two times, s, and when; None where none is known."""
+    peaks: list[tuple[float, ErrorCurve, float]] = []  # of each curve: σ, and when
+    for curve in curves:
         if curve is not None:
             late = high + (curve.horizon_s or 1.0)  # what ends then was within
             inside = np.flatnonzero((curve.t >= low) & (curve.t <= late) & np.isfinite(curve.sigmas))
             if len(inside):
                 at = inside[np.argmax(curve.sigmas[inside])]
-                strongest.append((float(curve.sigmas[at]), curve.error, float(curve.t[at])))
-    _, error, t = max(strongest, key=itemgetter(0), default=(0.0, among[-1], low))
-    return Moment(error, finding.start_s, finding.end_s, t)
+                peaks.append((float(curve.sigmas[at]), curve, float(curve.t[at])))
+    return max(peaks, key=itemgetter(0))[1:] if peaks else None
 
 
 def cause_of(verdict: Verdict) -> Finding | None:
@@ -224,16 +232,9 @@ def decisive(display: DisplayTrajectory) -> Moment | None:
     if cause is not None and display.start <= cause.end_s and cause.start_s <= display.end:
         moment = moment_of(cause, display)
         return replace(moment, is_slow=_is_slow(moment, display))
-    worst: list[tuple[float, Moment]] = []  # of each curve: σ, and the window
-    for error in errors_in(display):
-        curve = over_horizon(display, error)
-        if curve is not None and np.isfinite(curve.sigmas).any():
-            at = int(np.nanargmax(curve.sigmas))
-            end = float(curve.t[at])
-            window = Moment(error, end - (curve.horizon_s or 0.0), end, end, of_finding=False)
-            worst.append((float(curve.sigmas[at]), window))
-    if worst:
-        return max(worst, key=itemgetter(0))[1]
+    if (peak := _strongest(over_horizon(display, error) for error in errors_in(display))) is not None:
+        curve, end = peak
+        return Moment(curve.error, end - (curve.horizon_s or 0.0), end, end, of_finding=False)
     stretch = worst_stretch(display.replay)
     if stretch is None:
         return None
