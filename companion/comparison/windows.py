@@ -237,7 +237,7 @@ class Comparison:
     @property
     def has_position(self) -> bool:
         """Whether the autopilot's position is known anywhere."""
-        return bool(self.reference.position_known.any())
+        return self.reference.has_position
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -386,8 +386,7 @@ def grid_origin(comparison: Comparison) -> float | None:
     with a position is given away. On the first known attitude without any position; None without an attitude.
     """
     reference = comparison.reference
-    known = reference.position_known if comparison.has_position else reference.attitude_known
-    return float(reference.t[np.argmax(known)]) if known.any() else None
+    return float(reference.t[np.argmax(reference.known)]) if reference.known.any() else None
 
 
 def edges(comparison: Comparison, horizon: float, part: Part | None = None) -> IntArray:
