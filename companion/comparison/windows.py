@@ -312,9 +312,8 @@ def windows(
     start, end = _grid(comparison, horizon, part)
     t = comparison.track.t
     inside = np.any([(t[start] >= first) & (t[end] <= last) for first, last in within], axis=0)
-    start, end = start[inside], end[inside]
-    used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
-    return Windows(float(horizon), start[used], end[used], excluded)
+    has_position = part.has_position if part else comparison.has_position
+    return _usable(comparison, horizon, start[inside], end[inside], has_position)
 
 
 def trailing(comparison: Comparison, horizon: float) -> Windows:
@@ -327,8 +326,7 @@ def trailing(comparison: Comparison, horizon: float) -> Windows:
     end = np.flatnonzero(t >= t[0] + horizon * (1 - 1e-9))
     start = nearest(t, t[end] - horizon)
     whole = start < end
-    used, excluded = _usable(comparison, start[whole], end[whole], comparison.has_position)
-    return Windows(float(horizon), start[whole][used], end[whole][used], excluded)
+    return _usable(comparison, horizon, start[whole], end[whole], comparison.has_position)
 
 
 LEFT_OUT = {
@@ -347,10 +345,8 @@ def left_out(excluded: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {LEFT_OUT[reason]}" for reason, count in excluded.items())
 
 
-def _usable(
-    comparison: Comparison, start: IntArray, end: IntArray, has_position: bool
-) -> tuple[BoolArray, dict[str, int]]:
-    """Which of the windows have no gap, no unknown end and no jump in them, and how many have which."""
+def _usable(comparison: Comparison, horizon: float, start: IntArray, end: IntArray, has_position: bool) -> Windows:
+    """Those of the windows that have no gap, no unknown end and no jump in them; excluded: how many have which."""
     track, reference = comparison.track, comparison.reference
     running = np.concatenate([[0], np.cumsum(comparison.gaps)])
     reasons = {"imu_gap": running[end] > running[start]}
@@ -366,7 +362,7 @@ def _usable(
         if left_out := int((used & bad).sum()):
             excluded[reason] = left_out
         used &= ~bad
-    return used, excluded
+    return Windows(float(horizon), start[used], end[used], excluded)
 
 
 def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:
