@@ -8,7 +8,7 @@ A deviation that follows a fault interval is its consequence; one that follows n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -132,11 +132,9 @@ def _of_interval(
         return _turned(interval, best)
     side: Side = "imu" if interval.device == "imu" else "autopilot" if harmed else "data"
     own_doubt = _doubt_of_interval(interval, best)
-    doubt = _doubt_below_error(severity, interval, best)
-    if severity == "error":
-        doubt = own_doubt
-        if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
-            doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
+    doubt = own_doubt if severity == "error" else _doubt_below_error(severity, interval, best)
+    if severity == "error" and from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
+        doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
     misled_nobody = severity == "info" and interval.device != "imu" and not from_start
     severity = "warning" if misled_nobody and own_doubt is None else severity
     undecided = doubt is not None and (harmed or severity != "error" or not from_start)
@@ -176,9 +174,9 @@ def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEs
     if severity == "warning":
         return Doubt(_HARDLY_OFF, _ANOTHER)
     kind, slow = hypothesis_of(interval.kind), best.imu.rate_hz < harm.USELESS_RATE_HZ
-    if kind.nuisance:
-        return _fault_in_place_of(interval)
-    if severity == "error" or interval.device != "imu" or not slow:
+    if kind.nuisance:  # no fault: but one may stand in its place
+        return _what_else(interval, "that", "nobody", likelihoods(interval), lambda name: hypothesis_of(name).device)
+    if interval.device != "imu" or not slow:
         return None
     if interval.magnitude - num.Z_95 * interval.sigma < harmful(kind, "step", interval.imu):
         return None
@@ -259,30 +257,23 @@ def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | N
         return _NOT_CONVERGED
     if best.contradicted and interval.device != "imu":
         return _CONTRADICTED
-    return _undecided(interval)
+    name, shares = words(interval.kind), probability_imu_or_aiding(interval)
+    return _what_else(interval, name, _imu_or_aiding(interval.kind), shares, _imu_or_aiding)
 
 
-def _undecided(interval: FaultInterval) -> Doubt | None:
-    """What else it may be, where the probability that the sensor's side is at fault is too small to accuse it."""
-    shares, own = probability_imu_or_aiding(interval), _imu_or_aiding(interval.kind)
-    other = max((one for one in shares if one != own), key=lambda one: shares[one])
-    likeliest = next((one.kind for one in interval.rivals if _imu_or_aiding(one.kind) == other), "")
-    name = "no fault" if other == "nobody" else words(likeliest)
+def _what_else(
+    interval: FaultInterval, name: str, own: str, shares: Mapping[str, float], side_of: Callable[[str], str]
+) -> Doubt | None:
+    """What else it may be, where the probability of its own side is too small to accuse that, or nobody.
+
+    name: of the interval. shares: side → its probability. side_of: the side of a kind.
+    """
     if shares[own] >= priors.ACCUSED:
         return None
-    two = f"{words(interval.kind)} from {name} ({percent(shares[own])} / {percent(shares[other])})"
-    return Doubt(f"cannot tell {two}", _ANOTHER, "cause")
-
-
-def _fault_in_place_of(nuisance: FaultInterval) -> Doubt | None:
-    """What fault it may be in place of a nuisance, which is none, where that is not sure."""
-    shares = likelihoods(nuisance)
-    nobody = shares.pop("nobody")
-    if nobody >= priors.ACCUSED or not nuisance.rivals:
-        return None
-    whose = max(shares, key=lambda one: shares[one])
-    likeliest = next(one.kind for one in nuisance.rivals if hypothesis_of(one.kind).device == whose)
-    why = f"cannot tell that from {words(likeliest)} ({percent(nobody)} / {percent(shares[whose])})"
+    other = max((side for side in shares if side != own), key=lambda side: shares[side])
+    likeliest = next((one.kind for one in interval.rivals if side_of(one.kind) == other), "")
+    against = "no fault" if other == "nobody" else words(likeliest)
+    why = f"cannot tell {name} from {against} ({percent(shares[own])} / {percent(shares[other])})"
     return Doubt(why, _ANOTHER, "cause")
 
 
