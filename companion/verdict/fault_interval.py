@@ -254,11 +254,6 @@ def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimat
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def axis_of(interval: FaultInterval) -> str:
-    """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
-    return main_axis(interval.size) if interval.device == "imu" else ""
-
-
 def _size(interval: FaultInterval, best: BestEstimate) -> Size:
     return Size(interval.size, interval.sigma, best.states.constant("earth_field"))
 
@@ -299,7 +294,7 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
         end_s=interval.end if np.isfinite(interval.end) else None,
         onset_sigma_s=interval.start_sigma,
         sensor=interval.kind.split("_")[0] if interval.device == "imu" else interval.device,
-        axis=axis_of(interval),
+        axis=main_axis(interval.size) if interval.device == "imu" else "",  # of others it is none of the body's
         size=size,
         sigma=sigma,
         unit=unit,
