@@ -118,8 +118,17 @@ class Assessment:
 
     @property
     def made_worse(self) -> bool:
-        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant."""
-        return _made_worse(self.uncorrected, self.corrected, self.autopilot)
+        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant.
+
+        Twice as far off, and further than what the autopilot itself may be off at the two ends of a window.
+        """
+        if self.uncorrected is None or self.corrected is None:
+            return False
+        first, then, ends = self.uncorrected.rows[0], self.corrected.rows[0], np.sqrt(2.0 * 3.0)  # of three axes
+        turned = first.attitude_deg, then.attitude_deg, np.degrees(self.autopilot.attitude_noise) * ends
+        moved = first.position_m, then.position_m, self.autopilot.position * ends
+        pairs = ((b, a, least) for b, a, least in (turned, moved) if b is not None and a is not None)
+        return any(a.median > max(2 * b.median, least) for b, a, least in pairs)
 
     @cached_property
     def judged_by_best(self) -> tuple[Drift, Drift] | None:
@@ -248,17 +257,6 @@ def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
         return could
     part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
     return replace(could, not_judged=(*could.not_judged, part))
-
-
-def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:
-    """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
-    if before is None or after is None:
-        return False
-    first, then, ends = before.rows[0], after.rows[0], np.sqrt(2.0 * 3.0)  # both ends, three axes
-    turned = first.attitude_deg, then.attitude_deg, np.degrees(autopilot.attitude_noise) * ends
-    moved = first.position_m, then.position_m, autopilot.position * ends
-    pairs = ((b, a, least) for b, a, least in (turned, moved) if b is not None and a is not None)
-    return any(a.median > max(2 * b.median, least) for b, a, least in pairs)
 
 
 _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
