@@ -18,7 +18,7 @@ from companion.comparison import ends_of
 from companion.constants import check, harm, num, priors
 from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, probabilities, times_of_change
 from companion.model import SensorInUse, words
-from companion.verdict.constant_faults import ALL_THE_TIME, compass_fault_probability, scale_fault_probability
+from companion.verdict.constant_faults import ALL_THE_TIME, lone_fault_probability
 from companion.verdict.fault_interval import (
     SENSOR_WORDS,
     EstimatorDeviation,
@@ -221,9 +221,10 @@ def _is_from_start(interval: FaultInterval, best: BestEstimate) -> bool:
 def _since_start(interval: FaultInterval, best: BestEstimate) -> float:
     """The probability that what was off since the start is a fault, where it is known what a calibration leaves."""
     if interval.kind in ("gyro_scale", "accel_scale"):
-        return scale_fault_probability(interval.size, np.full(len(interval.size), interval.sigma))
+        return lone_fault_probability("scale", interval.size, interval.sigma)
     size, sigma, unit = reported_size(interval, best)
-    return compass_fault_probability(size, sigma) if interval.device == "compass" and unit == "µT" else 0.0
+    is_field = interval.device == "compass" and unit == "µT"
+    return lone_fault_probability("compass", np.array([size]), sigma) if is_field else 0.0
 
 
 def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
