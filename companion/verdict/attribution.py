@@ -28,7 +28,6 @@ from companion.verdict.fault_interval import (
     fault_intervals,
     imu_at,
     is_sized,
-    likelihoods,
     of_one_kind,
     own_odds,
     percent,
@@ -121,7 +120,7 @@ def _of_interval(
     harmed = bool(consequences)
     misleads = any(d.probability_after(interval.start) >= priors.ACCUSED for d in consequences)
     severity: Severity = "warning" if harmed else "info"
-    nobody = likelihoods(interval).get("nobody", 0.0)
+    nobody = probabilities(interval.rivals)["nobody"]
     no_fault = nobody >= priors.ACCUSED
     if misleads or (may_be_fault(interval) and (harmed or (interval.device == "imu" and not no_fault))):
         severity = "error"
@@ -161,7 +160,7 @@ def _of_interval(
     elif no_fault and not harmed:
         evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
-        sure, (kind, share) = likelihoods(interval)[interval.device], next_best
+        sure, (kind, share) = probabilities(interval.rivals)[interval.device], next_best
         evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
     start, end = interval.start, min(interval.end, float(best.t[-1]))
     cause = cause_of(interval, best, side, misled) if doubt is None else None
@@ -175,7 +174,8 @@ def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEs
         return Doubt(_HARDLY_OFF, _ANOTHER)
     kind, slow = hypothesis_of(interval.kind), best.imu.rate_hz < harm.USELESS_RATE_HZ
     if kind.nuisance:  # no fault: but one may stand in its place
-        return _what_else(interval, "that", "nobody", likelihoods(interval), lambda name: hypothesis_of(name).device)
+        shares = probabilities(interval.rivals)
+        return _what_else(interval, "that", "nobody", shares, lambda name: hypothesis_of(name).device)
     if interval.device != "imu" or not slow:
         return None
     if interval.magnitude - num.Z_95 * interval.sigma < harmful(kind, "step", interval.imu):
@@ -205,7 +205,7 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
 
 def _fault_shares(one: FaultInterval, best: BestEstimate) -> dict[str, float]:
     """Side → probability that what was off is a harmful fault of it, and no usual calibration since the start."""
-    shares, device = likelihoods(one), one.device
+    shares, device = probabilities(one.rivals), one.device
     sure = _since_start(one, best) if _is_from_start(one, best) else 0.0
     if not sure:
         return shares

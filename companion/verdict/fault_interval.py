@@ -298,7 +298,7 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
         size=size,
         sigma=sigma,
         unit=unit,
-        probability=likelihoods(interval)[interval.device] if interval.rivals else None,
+        probability=probabilities(interval.rivals)[interval.device] if interval.rivals else None,
         side_probability=shares["imu" if interval.device == "imu" else "aiding"] if interval.rivals else None,
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
@@ -323,14 +323,9 @@ def described(interval: FaultInterval, best: BestEstimate) -> str:
     return f"{what}, {since} {until}"
 
 
-def likelihoods(interval: FaultInterval) -> dict[str, float]:
-    """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the interval."""
-    return probabilities(interval.rivals)
-
-
 def probability_imu_or_aiding(interval: FaultInterval) -> dict[str, float]:
     """ "imu", "aiding" (any sensor beside it), "nobody" → the probability that it has the fault."""
-    shares = likelihoods(interval)
+    shares = probabilities(interval.rivals)
     imu, nobody = shares["imu"], shares["nobody"]
     return {"imu": imu, "aiding": max(1.0 - imu - nobody, 0.0), "nobody": nobody}
 
