@@ -116,11 +116,6 @@ class Compared:
     since: Mapping[str, IntArray] = field(default_factory=dict)  # quantity → (K,) the keyframe that it is counted from
     at_first: Mapping[str, float] = field(default_factory=dict)  # quantity → 1σ of what all lanes are off by there
 
-    @property
-    def by_change(self) -> bool:
-        """Whether headings are counted from where the lanes had them at first."""
-        return "heading" in self.since
-
     def within(self, start: float, end: float) -> BoolArray:
         """(K,) which keyframes of a span, s, are judged."""
         return np.asarray(self.judged & (self.t >= start) & (self.t <= end))
@@ -338,7 +333,7 @@ def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate
     imus = [lane.imu for lane in numbered if lane.imu is not None]
     if len(imus) > len(set(imus)):
         yield "several lanes read the same IMU: what is wrong with it is wrong with all of them"
-    if compared.by_change:
+    if "heading" in compared.since:
         yield "headings are counted from where the lanes had them at first: their change is better known"
     if "gps_position" not in best.residuals:
         yield "without a GPS velocity and position of the lanes cannot be judged"
