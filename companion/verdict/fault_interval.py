@@ -32,11 +32,11 @@ SENSOR_WORDS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "co
 BIAS_UNITS: Mapping[str, tuple[str, float, int]] = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
 """Sensor → the unit that a bias is told in, how many of it are one in SI, and decimals."""
 
-DEVIATION_UNITS: Mapping[str, tuple[str, float]] = {
-    "tilt": ("°", np.degrees(1.0)), "heading": ("°", np.degrees(1.0)),
-    "velocity": (" m/s", 1.0), "position": (" m", 1.0), "height": (" m", 1.0),
+DEVIATION_UNITS: Mapping[str, tuple[str, str, float]] = {
+    "tilt": ("rad", "°", np.degrees(1.0)), "heading": ("rad", "°", np.degrees(1.0)),
+    "velocity": ("m/s", " m/s", 1.0), "position": ("m", " m", 1.0), "height": ("m", " m", 1.0),
 }  # fmt: skip
-"""What an estimate may be off in → the unit that it is given in, and how many of it are one in SI."""
+"""What an estimate may be off in → its unit in SI, the one that it is given in, and how many of that are one in SI."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,12 +103,12 @@ class EstimatorDeviation:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit, sure = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad"), self.probability
+        unit, sure = DEVIATION_UNITS[self.quantity][0], self.probability
         sized = Cause(f"{self.quantity}_off", "autopilot", self.start, self.end, size=self.size, sigma=self.sigma)
         return replace(sized, unit=unit, probability=sure, side_probability=sure)
 
     def __str__(self) -> str:
-        unit, scale = DEVIATION_UNITS[self.quantity]
+        _, unit, scale = DEVIATION_UNITS[self.quantity]
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
 
 
