@@ -106,15 +106,19 @@ class Assessment:
         """What the flight says of the IMU's errors."""
         return self._fitted[0]
 
-    @property
+    @cached_property
     def uncorrected(self) -> Drift | None:
         """The drift in the second half of the flight; None where a half has too few windows."""
-        return self._held_out[0]
+        return None if self._fitted[1] is None else drift_over(self.judged, [self._second_half(self.judged)])
 
-    @property
+    @cached_property
     def corrected(self) -> Drift | None:
         """The same windows with the calibration of the first half."""
-        return self._held_out[1]
+        own, part = self.judged, self._fitted[1]
+        if part is None:
+            return None
+        corrected = own.of(part.correction.apply(own.track))
+        return drift_over(corrected, [self._second_half(corrected)])
 
     @property
     def made_worse(self) -> bool:
@@ -142,15 +146,6 @@ class Assessment:
         of_imu = replace(part.correction, mounting=np.zeros(3), time_offset=0.0, lever_arm=np.zeros(3))
         beside, chosen = beside_best(own, best, self._second_half(own))
         return drift_over(beside, [chosen]), drift_over(beside.of(of_imu.apply(own.track)), [chosen])
-
-    @cached_property
-    def _held_out(self) -> tuple[Drift | None, Drift | None]:
-        own, part = self.judged, self._fitted[1]
-        if part is None:
-            return None, None
-        corrected = own.of(part.correction.apply(own.track))
-        before, after = (drift_over(one, [self._second_half(one)]) for one in (own, corrected))
-        return before, after
 
     @cached_property
     def _fitted(self) -> tuple[Calibration | None, Calibration | None]:
