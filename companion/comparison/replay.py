@@ -158,13 +158,12 @@ def extend(
     it: a gap, samples that are too few or too late, or an anchor between them.
     """
     has_position = before.has_position
-    position = position if has_position and position is not None and len(position) else None
     if len(before.t) <= num.BACK or before.anchors[-1] > before.t[-1 - num.BACK] + SAME_TIME:
         return None
     first = sample_at(imu.t, before.t[-1 - num.BACK])
-    if first is None or first < num.CONTEXT or not len(attitude) or (has_position and position is None):
+    if first is None or first < num.CONTEXT or not len(attitude):
         return None
-    reference = reference_at(attitude, position, imu.t, how.limits)
+    reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
     last = int(known[-1]) if len(known) else -1
     part, shown = slice(first - num.CONTEXT, last + 1), slice(first, last + 1)
