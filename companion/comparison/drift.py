@@ -131,11 +131,7 @@ def drift(
     >>> row.errors.position.shape  # autopilot minus IMU at the end of each window, NED, m
     (20, 3)
     """
-    return drift_of(compare(flight, imu=imu, how=how), horizons)
-
-
-def drift_of(comparison: Comparison, horizons: Sequence[float] = num.HORIZONS_S) -> Drift:
-    """The drift table of a comparison. Raises SettingsError for a horizon that is not positive, and for none."""
+    comparison = compare(flight, imu=imu, how=how)
     if np.ndim(horizons) != 1 or not len(horizons):
         raise SettingsError(f"horizons must be positive seconds such as (1, 5), got {horizons!r}")
     return drift_over(comparison, [windows(comparison, horizon) for horizon in horizons])
