@@ -38,13 +38,14 @@ class Budget:
         """The sum of all causes, (W, 9, 9)."""
         return np.asarray(sum(self.causes.values()))
 
-    def sigma(self, block: slice) -> Array:
-        """Expected length (root mean square) of a block of the error in each window, (W,): rad, m/s or m."""
-        return np.asarray(np.sqrt(np.trace(self.total[:, block, block], axis1=1, axis2=2)))
-
     def power(self, block: slice) -> dict[str, float]:
         """The expected mean square of a block by each cause, summed over all windows."""
-        return {name: float(np.trace(c[:, block, block], axis1=1, axis2=2).sum()) for name, c in self.causes.items()}
+        return {name: float(mean_square(own[:, block, block]).sum()) for name, own in self.causes.items()}
+
+
+def mean_square(covariance: Array) -> Array:
+    """(W,) of the length of errors with covariances (W, k, k)."""
+    return np.asarray(np.trace(covariance, axis1=1, axis2=2))
 
 
 def shares_of(power: Mapping[str, float]) -> dict[str, float]:
@@ -227,7 +228,7 @@ def expected_over(
         allowed = budget(comparison, some, imu, autopilot)
         error, total = allowed.error if corrected is None else stacked(corrected, some), allowed.total
         for name, block in blocks.items():
-            sigma[name][part] = allowed.sigma(block)
+            sigma[name][part] = np.sqrt(mean_square(total[:, block, block]))
             normalised[name][part] = nees(error[:, block], total[:, block, block])
             for cause, own in allowed.power(block).items():
                 power[name][cause] = power[name].get(cause, 0.0) + own

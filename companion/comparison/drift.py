@@ -31,7 +31,6 @@ from companion.comparison.windows import (
     compare,
     edges,
     errors,
-    grid_origin,
     windows,
 )
 from companion.constants import check, healthy, num
@@ -132,11 +131,7 @@ def drift(
     >>> row.errors.position.shape  # autopilot minus IMU at the end of each window, NED, m
     (20, 3)
     """
-    return drift_of(compare(flight, imu=imu, how=how), horizons)
-
-
-def drift_of(comparison: Comparison, horizons: Sequence[float] = num.HORIZONS_S) -> Drift:
-    """The drift table of a comparison. Raises SettingsError for a horizon that is not positive, and for none."""
+    comparison = compare(flight, imu=imu, how=how)
     if np.ndim(horizons) != 1 or not len(horizons):
         raise SettingsError(f"horizons must be positive seconds such as (1, 5), got {horizons!r}")
     return drift_over(comparison, [windows(comparison, horizon) for horizon in horizons])
@@ -219,15 +214,15 @@ class RunningDrift:
             comparison = compare(flight, imu=imu, how=how)
         except DataError:
             return  # not yet, or not any more
-        origin = grid_origin(comparison)
-        if origin is None:
+        whole = comparison.whole
+        if np.isnan(whole.origin_s):
             return
         begin = float(comparison.reference.t[np.argmax(comparison.reference.attitude_known)])
         self._begin = float(np.fmin(self._begin, begin))
         if self._part is None or (comparison.has_position and not self._part.has_position):
-            self._part = Part(origin, comparison.has_position)
+            self._part = whole
             for i, horizon in enumerate(table.horizon for table in self._tables):
-                earlier = int((origin - self._begin) / horizon) - int((origin - begin) / horizon)
+                earlier = int((whole.origin_s - self._begin) / horizon) - int((whole.origin_s - begin) / horizon)
                 self._tables[i] = _Table(horizon, {"no_position": earlier} if earlier else None)
         for table in self._tables:
             table.take(comparison, replace(self._part, before_s=settled_s))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.comparison.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over
+from companion.comparison.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over, mean_square
 from companion.comparison.imu_spec import ImuSpec, ReferenceSpec
 from companion.comparison.reference import attitude_error, length
 from companion.comparison.replay import Replay
@@ -101,7 +101,7 @@ class Expectation:
     @property
     def lengths(self) -> tuple[Array, Array, Array]:
         """1σ (root mean square) of the error's length, each (M,): attitude °, velocity m/s, position m."""
-        squares = (np.trace(self.covariance[:, b, b], axis1=1, axis2=2) for b in (ATTITUDE, VELOCITY, POSITION))
+        squares = (mean_square(self.covariance[:, b, b]) for b in (ATTITUDE, VELOCITY, POSITION))
         attitude, velocity, position = (np.sqrt(np.maximum(square, 0.0)) for square in squares)
         return np.degrees(attitude), velocity, position
 

@@ -120,6 +120,16 @@ class Reference:
     """Of the states at some of the times, by their index, beside the motion that an IMU felt meanwhile."""
 
     @property
+    def has_position(self) -> bool:
+        """Whether the position is known anywhere."""
+        return bool(self.position_known.any())
+
+    @property
+    def known(self) -> BoolArray:
+        """(N,) all that is compared: the position too, where it is known anywhere."""
+        return self.position_known if self.has_position else self.attitude_known
+
+    @property
     def q_ned_frd(self) -> Array:
         """(N, 4)"""
         return self._all.q_ned_frd

@@ -89,9 +89,7 @@ def replay(
         check_seconds("reanchor_s", reanchor_s)
     reference = reference or reference_at(attitude, flight.position, track.t, how.limits)
     # an attitude-only flight is compared in attitude alone; one with a position starts when that is known too
-    has_position = bool(reference.position_known.any())
-    valid = reference.position_known if has_position else reference.attitude_known
-    usable = np.flatnonzero(valid & (track.t >= (-np.inf if start_s is None else start_s)))
+    usable = np.flatnonzero(reference.known & (track.t >= (-np.inf if start_s is None else start_s)))
     if len(usable) < 2:
         imu_s, attitude_s = (f"{t[0]:.1f} to {t[-1]:.1f} s" for t in (track.t, attitude.t))
         after = "" if start_s is None else f" after {start_s:.1f} s"
@@ -122,8 +120,7 @@ def replay_from_rest(
     """
     track, attitude = aligned.freed(flight.imu(imu)), flight.require_attitude()
     reference = reference_at(attitude, flight.position, track.t, how.limits)
-    known = reference.position_known if reference.position_known.any() else reference.attitude_known
-    later = np.flatnonzero(known[aligned.rest.first :])
+    later = np.flatnonzero(reference.known[aligned.rest.first :])
     if len(later) < 2:
         nothing = f"{attitude.source} has nothing after the rest at {aligned.rest.start_s:.1f} s"
         raise DataError(f"{nothing}. Use --anchor autopilot.")
@@ -138,11 +135,10 @@ def _reckoned(
     track: ImuTrack, reference: Reference, shown: slice, anchors: IntArray, starts: Iterable[Array], how: Integration
 ) -> Replay:
     """The samples `shown` of both, reckoned from the states `starts` (A, 4), (A, 3), (A, 3) at samples `anchors`."""
-    has_position = bool(reference.position_known.any())
     path, index, samples = how.preintegrate(track[shown]), anchors - shown.start, np.arange(shown.stop - shown.start)
     which = np.searchsorted(index, samples, side="right") - 1
     states = path.carry(index[which], samples, *(start[which] for start in starts), gravity=how.gravity)
-    return _beside(states, reference, shown, track.t[anchors], has_position=has_position)
+    return _beside(states, reference, shown, track.t[anchors])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,13 +158,12 @@ def extend(
     it: a gap, samples that are too few or too late, or an anchor between them.
     """
     has_position = before.has_position
-    position = position if has_position and position is not None and len(position) else None
     if len(before.t) <= num.BACK or before.anchors[-1] > before.t[-1 - num.BACK] + SAME_TIME:
         return None
     first = sample_at(imu.t, before.t[-1 - num.BACK])
-    if first is None or first < num.CONTEXT or not len(attitude) or (has_position and position is None):
+    if first is None or first < num.CONTEXT or not len(attitude):
         return None
-    reference = reference_at(attitude, position, imu.t, how.limits)
+    reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
     last = int(known[-1]) if len(known) else -1
     part, shown = slice(first - num.CONTEXT, last + 1), slice(first, last + 1)
@@ -177,22 +172,19 @@ def extend(
     path = how.preintegrate(imu[part])
     state = (a[-1 - num.BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
     states = path.carry(num.CONTEXT, np.arange(num.CONTEXT, len(path.t)), *state, gravity=how.gravity)
-    newest = _beside(states, reference, shown, before.anchors, has_position=has_position)
-    return Continued(newest, path)
+    return Continued(_beside(states, reference, shown, before.anchors), path)
 
 
-def _beside(
-    states: tuple[Array, Array, Array], reference: Reference, shown: slice, anchors: Array, *, has_position: bool
-) -> Replay:
+def _beside(states: tuple[Array, Array, Array], reference: Reference, shown: slice, anchors: Array) -> Replay:
     """The reckoned attitude (N, 4), velocity and position (N, 3) at samples `shown` beside the reference's own."""
     t, (q, v, p) = reference.t[shown], states
     q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
-    if not has_position:
+    if not reference.has_position:
         v, p = v_ref, p_ref
-    valid = reference.position_known if has_position else reference.attitude_known
     imu, ref = (quaternion.continuous_sign(q), v, p), (q_ref, v_ref, p_ref)
     error = attitude_error(q_ref, q), v_ref - v, p_ref - p
-    return Replay(t, *imu, *ref, *error, anchors, has_position, reference_valid=valid[shown])
+    valid = reference.known[shown]
+    return Replay(t, *imu, *ref, *error, anchors, reference.has_position, valid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -188,7 +188,7 @@ class Comparison:
     @cached_property
     def _seconds(self) -> IntArray:
         """The samples on which windows of a second begin and end."""
-        return np.unique(np.concatenate(_grid(self, 1.0, None)))
+        return np.unique(np.concatenate(_grid(self, 1.0, self.whole)))
 
     def reading_means(self, chosen: Windows) -> Array:
         """(W, 4, 2, 3): see the function. Of windows of whole seconds the samples are looked at once."""
@@ -237,7 +237,16 @@ class Comparison:
     @property
     def has_position(self) -> bool:
         """Whether the autopilot's position is known anywhere."""
-        return bool(self.reference.position_known.any())
+        return self.reference.has_position
+
+    @property
+    def whole(self) -> Part:
+        """All windows, from the first sample on at which all that is compared is known.
+
+        That is one with a position, so that none of the time with one is given away.
+        """
+        known = np.flatnonzero(self.reference.known)
+        return Part(float(self.reference.t[known[0]]) if len(known) else np.nan, self.has_position)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,7 +269,7 @@ class Windows:
 class Part:
     """Which windows of a longer flight are wanted from a piece of it."""
 
-    origin_s: float  # s, boot clock, where the grid of the whole flight stands: see `grid_origin`
+    origin_s: float  # s, boot clock, where the grid of the whole flight stands, of whatever length; NaN: nowhere
     has_position: bool  # whether the whole flight has one
     first: int | None = None  # the edge of the grid to begin with; None: the piece's first
     before_s: float = np.inf  # s, boot clock, when a window must have ended
@@ -309,12 +318,11 @@ def windows(
     Raises SettingsError for a horizon that is not positive.
     """
     check_seconds("horizons", horizon)
+    part = part or comparison.whole
     start, end = _grid(comparison, horizon, part)
     t = comparison.track.t
     inside = np.any([(t[start] >= first) & (t[end] <= last) for first, last in within], axis=0)
-    start, end = start[inside], end[inside]
-    used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
-    return Windows(float(horizon), start[used], end[used], excluded)
+    return _usable(comparison, horizon, start[inside], end[inside], part.has_position)
 
 
 def trailing(comparison: Comparison, horizon: float) -> Windows:
@@ -327,8 +335,7 @@ def trailing(comparison: Comparison, horizon: float) -> Windows:
     end = np.flatnonzero(t >= t[0] + horizon * (1 - 1e-9))
     start = nearest(t, t[end] - horizon)
     whole = start < end
-    used, excluded = _usable(comparison, start[whole], end[whole], comparison.has_position)
-    return Windows(float(horizon), start[whole][used], end[whole][used], excluded)
+    return _usable(comparison, horizon, start[whole], end[whole], comparison.has_position)
 
 
 LEFT_OUT = {
@@ -347,10 +354,8 @@ def left_out(excluded: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {LEFT_OUT[reason]}" for reason, count in excluded.items())
 
 
-def _usable(
-    comparison: Comparison, start: IntArray, end: IntArray, has_position: bool
-) -> tuple[BoolArray, dict[str, int]]:
-    """Which of the windows have no gap, no unknown end and no jump in them, and how many have which."""
+def _usable(comparison: Comparison, horizon: float, start: IntArray, end: IntArray, has_position: bool) -> Windows:
+    """Those of the windows that have no gap, no unknown end and no jump in them; excluded: how many have which."""
     track, reference = comparison.track, comparison.reference
     running = np.concatenate([[0], np.cumsum(comparison.gaps)])
     reasons = {"imu_gap": running[end] > running[start]}
@@ -366,7 +371,7 @@ def _usable(
         if left_out := int((used & bad).sum()):
             excluded[reason] = left_out
         used &= ~bad
-    return used, excluded
+    return Windows(float(horizon), start[used], end[used], excluded)
 
 
 def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:
@@ -381,35 +386,25 @@ def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | No
     return WindowErrors(reference.t[start], reference.t[end], turned, *moved)
 
 
-def grid_origin(comparison: Comparison) -> float | None:
-    """Where the windows of every length stand, s: on the first sample with a known position, so that none of the time
-    with a position is given away. On the first known attitude without any position; None without an attitude.
-    """
-    reference = comparison.reference
-    known = reference.position_known if comparison.has_position else reference.attitude_known
-    return float(reference.t[np.argmax(known)]) if known.any() else None
-
-
-def edges(comparison: Comparison, horizon: float, part: Part | None = None) -> IntArray:
-    """Where windows begin and end, over all that has an attitude: at grid_origin + horizon times these numbers."""
+def edges(comparison: Comparison, horizon: float, part: Part) -> IntArray:
+    """Where windows begin and end, over all that has an attitude: at the origin + horizon times these numbers."""
     t, known = comparison.track.t, np.flatnonzero(comparison.reference.attitude_known)
-    origin = part.origin_s if part else grid_origin(comparison)
-    if origin is None or not len(known) or len(t) < 2 or horizon < 0.5 * median(t[1:] - t[:-1]):
+    if not len(known) or len(t) < 2 or horizon < 0.5 * median(t[1:] - t[:-1]):
         return np.zeros(0, np.intp)
-    last = min(float(t[known[-1]]), part.before_s) if part else t[known[-1]]
+    last = min(float(t[known[-1]]), part.before_s)
     slack = 1e-9 * horizon  # so that an end that falls on the last sample is kept in spite of rounding
-    before, after = (int(np.floor((span + slack) / horizon)) for span in (origin - t[known[0]], last - origin))
-    first = -before if part is None or part.first is None else max(-before, part.first)
+    spans = part.origin_s - t[known[0]], last - part.origin_s
+    before, after = (int(np.floor((span + slack) / horizon)) for span in spans)
+    first = -before if part.first is None else max(-before, part.first)
     return np.arange(first, after + 1, dtype=np.intp)
 
 
-def _grid(comparison: Comparison, horizon: float, part: Part | None) -> tuple[IntArray, IntArray]:
+def _grid(comparison: Comparison, horizon: float, part: Part) -> tuple[IntArray, IntArray]:
     """Sample indices of anchors and ends."""
     numbers, t = edges(comparison, horizon, part), comparison.track.t
-    origin = part.origin_s if part else grid_origin(comparison)
-    if origin is None or len(numbers) < 2:
+    if len(numbers) < 2:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    index = nearest(t, origin + horizon * numbers.astype(np.float64))
+    index = nearest(t, part.origin_s + horizon * numbers.astype(np.float64))
     apart = np.diff(index) > 0  # in a gap, or at a very low rate, two edges can fall on one sample
     return index[:-1][apart], index[1:][apart]
 

@@ -101,10 +101,9 @@ def white_noise(
     if band is None:
         return None
     length = max(round(num.NOISE_SEGMENT_S * rate), 2)
-    begin = segments(track.t, gap_s, length)
+    begin = _segments(track.t, gap_s, length, num.NOISE_MAX_SEGMENTS)
     if len(begin) < num.NOISE_MIN_SEGMENTS:
         return None
-    begin = _spread_evenly(begin, num.NOISE_MAX_SEGMENTS)
     values, step = (track.gyro, track.gyro_step) if sensor == "gyro" else (track.accel, track.accel_step)
     f = frequencies(length, rate)
     inside = (f >= band[0]) & (f <= band[1])
@@ -139,8 +138,9 @@ def spectral_noise(track: ImuTrack, gap_s: float) -> tuple[float, float]:
     return healthy.GYRO_SHARE * of(gyro, track.gyro), of(accel, track.accel)
 
 
-def _spread_evenly(begin: IntArray, most: int) -> IntArray:
-    """At most so many of the segments that start at `begin` (S,), spread evenly over the flight."""
+def _segments(t: Array, gap_s: float, length: int, most: int) -> IntArray:
+    """As `segments`: at most so many of them, spread evenly over the flight."""
+    begin = segments(t, gap_s, length)
     return begin[np.linspace(0, len(begin) - 1, min(len(begin), most)).round().astype(np.int64)]
 
 
@@ -162,10 +162,9 @@ def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
     The mean over an interval cannot be seen: its noise is white.
     """
     logged, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
-    begin = segments(track.t, gap_s, length)
+    begin = _segments(track.t, gap_s, length, num.NOISE_MAX_SEGMENTS)
     if len(begin) < 2 * num.NOISE_MIN_SEGMENTS or rate < 4.0 * num.NOISE_MIN_BAND_HZ:
         return logged
-    begin = _spread_evenly(begin, num.NOISE_MAX_SEGMENTS)
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
     clear: list[Array] = []
@@ -285,10 +284,9 @@ def _strongest_line(track: ImuTrack, readings: Array, gap_s: float) -> float:
     rate, length = track.rate_hz, max(round(num.BEAT_S * track.rate_hz), 2)
     f = frequencies(length, rate)
     inside = f >= max(num.VEHICLE_MOTION_HZ, num.LINES_FROM * rate)
-    begin = segments(track.t, gap_s, length)
+    begin = _segments(track.t, gap_s, length, num.PSD_BATCH)
     if f[-1] - num.VEHICLE_MOTION_HZ < num.NOISE_MIN_BAND_HZ or not len(begin):
         return healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
-    begin = _spread_evenly(begin, num.PSD_BATCH)
     power = periodograms(readings, begin, rate, length)[:, inside]
     by_chance = (1.0 / np.arange(1, power.shape[1] + 1)).sum() * np.median(power, axis=1) / np.log(2.0)
     line = np.maximum(power.max(axis=1) - by_chance, 0.0).sum(axis=-1).mean()

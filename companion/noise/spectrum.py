@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.constants import num
-from companion.model import Array, ImuTrack
-
-IntArray = npt.NDArray[np.int64]
+from companion.model import Array, ImuTrack, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

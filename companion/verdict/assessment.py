@@ -106,20 +106,33 @@ class Assessment:
         """What the flight says of the IMU's errors."""
         return self._fitted[0]
 
-    @property
+    @cached_property
     def uncorrected(self) -> Drift | None:
         """The drift in the second half of the flight; None where a half has too few windows."""
-        return self._held_out[0]
+        return None if self._fitted[1] is None else drift_over(self.judged, [self._second_half(self.judged)])
 
-    @property
+    @cached_property
     def corrected(self) -> Drift | None:
         """The same windows with the calibration of the first half."""
-        return self._held_out[1]
+        own, part = self.judged, self._fitted[1]
+        if part is None:
+            return None
+        corrected = own.of(part.correction.apply(own.track))
+        return drift_over(corrected, [self._second_half(corrected)])
 
     @property
     def made_worse(self) -> bool:
-        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant."""
-        return _made_worse(self.uncorrected, self.corrected, self.autopilot)
+        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant.
+
+        Twice as far off, and further than what the autopilot itself may be off at the two ends of a window.
+        """
+        if self.uncorrected is None or self.corrected is None:
+            return False
+        first, then, ends = self.uncorrected.rows[0], self.corrected.rows[0], np.sqrt(2.0 * 3.0)  # of three axes
+        turned = first.attitude_deg, then.attitude_deg, np.degrees(self.autopilot.attitude_noise) * ends
+        moved = first.position_m, then.position_m, self.autopilot.position * ends
+        pairs = ((b, a, least) for b, a, least in (turned, moved) if b is not None and a is not None)
+        return any(a.median > max(2 * b.median, least) for b, a, least in pairs)
 
     @cached_property
     def judged_by_best(self) -> tuple[Drift, Drift] | None:
@@ -133,15 +146,6 @@ class Assessment:
         of_imu = replace(part.correction, mounting=np.zeros(3), time_offset=0.0, lever_arm=np.zeros(3))
         beside, chosen = beside_best(own, best, self._second_half(own))
         return drift_over(beside, [chosen]), drift_over(beside.of(of_imu.apply(own.track)), [chosen])
-
-    @cached_property
-    def _held_out(self) -> tuple[Drift | None, Drift | None]:
-        own, part = self.judged, self._fitted[1]
-        if part is None:
-            return None, None
-        corrected = own.of(part.correction.apply(own.track))
-        before, after = (drift_over(one, [self._second_half(one)]) for one in (own, corrected))
-        return before, after
 
     @cached_property
     def _fitted(self) -> tuple[Calibration | None, Calibration | None]:
@@ -248,17 +252,6 @@ def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
         return could
     part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
     return replace(could, not_judged=(*could.not_judged, part))
-
-
-def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:
-    """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
-    if before is None or after is None:
-        return False
-    first, then, ends = before.rows[0], after.rows[0], np.sqrt(2.0 * 3.0)  # both ends, three axes
-    turned = first.attitude_deg, then.attitude_deg, np.degrees(autopilot.attitude_noise) * ends
-    moved = first.position_m, then.position_m, autopilot.position * ends
-    pairs = ((b, a, least) for b, a, least in (turned, moved) if b is not None and a is not None)
-    return any(a.median > max(2 * b.median, least) for b, a, least in pairs)
 
 
 _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")

@@ -8,7 +8,7 @@ A deviation that follows a fault interval is its consequence; one that follows n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +18,7 @@ from companion.comparison import ends_of
 from companion.constants import check, harm, num, priors
 from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, probabilities, times_of_change
 from companion.model import SensorInUse, words
-from companion.verdict.constant_faults import ALL_THE_TIME, compass_fault_probability, scale_fault_probability
+from companion.verdict.constant_faults import ALL_THE_TIME, lone_fault_probability
 from companion.verdict.fault_interval import (
     SENSOR_WORDS,
     EstimatorDeviation,
@@ -28,7 +28,6 @@ from companion.verdict.fault_interval import (
     fault_intervals,
     imu_at,
     is_sized,
-    likelihoods,
     of_one_kind,
     own_odds,
     percent,
@@ -121,7 +120,7 @@ def _of_interval(
     harmed = bool(consequences)
     misleads = any(d.probability_after(interval.start) >= priors.ACCUSED for d in consequences)
     severity: Severity = "warning" if harmed else "info"
-    nobody = likelihoods(interval).get("nobody", 0.0)
+    nobody = probabilities(interval.rivals)["nobody"]
     no_fault = nobody >= priors.ACCUSED
     if misleads or (may_be_fault(interval) and (harmed or (interval.device == "imu" and not no_fault))):
         severity = "error"
@@ -132,11 +131,9 @@ def _of_interval(
         return _turned(interval, best)
     side: Side = "imu" if interval.device == "imu" else "autopilot" if harmed else "data"
     own_doubt = _doubt_of_interval(interval, best)
-    doubt = _doubt_below_error(severity, interval, best)
-    if severity == "error":
-        doubt = own_doubt
-        if from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
-            doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
+    doubt = own_doubt if severity == "error" else _doubt_below_error(severity, interval, best)
+    if severity == "error" and from_start and (sure := _since_start(interval, best)) < priors.ACCUSED:
+        doubt = Doubt(f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME)
     misled_nobody = severity == "info" and interval.device != "imu" and not from_start
     severity = "warning" if misled_nobody and own_doubt is None else severity
     undecided = doubt is not None and (harmed or severity != "error" or not from_start)
@@ -163,7 +160,7 @@ def _of_interval(
     elif no_fault and not harmed:
         evidence += f" (no fault: {percent(nobody)})"
     elif (next_best := rival(interval)) is not None:
-        sure, (kind, share) = likelihoods(interval)[interval.device], next_best
+        sure, (kind, share) = probabilities(interval.rivals)[interval.device], next_best
         evidence += f" (probability {percent(sure)}; runner-up: {words(kind)}, {percent(share)})"
     start, end = interval.start, min(interval.end, float(best.t[-1]))
     cause = cause_of(interval, best, side, misled) if doubt is None else None
@@ -176,9 +173,10 @@ def _doubt_below_error(severity: Severity, interval: FaultInterval, best: BestEs
     if severity == "warning":
         return Doubt(_HARDLY_OFF, _ANOTHER)
     kind, slow = hypothesis_of(interval.kind), best.imu.rate_hz < harm.USELESS_RATE_HZ
-    if kind.nuisance:
-        return _fault_in_place_of(interval)
-    if severity == "error" or interval.device != "imu" or not slow:
+    if kind.nuisance:  # no fault: but one may stand in its place
+        shares = probabilities(interval.rivals)
+        return _what_else(interval, "that", "nobody", shares, lambda name: hypothesis_of(name).device)
+    if interval.device != "imu" or not slow:
         return None
     if interval.magnitude - num.Z_95 * interval.sigma < harmful(kind, "step", interval.imu):
         return None
@@ -207,7 +205,7 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
 
 def _fault_shares(one: FaultInterval, best: BestEstimate) -> dict[str, float]:
     """Side → probability that what was off is a harmful fault of it, and no usual calibration since the start."""
-    shares, device = likelihoods(one), one.device
+    shares, device = probabilities(one.rivals), one.device
     sure = _since_start(one, best) if _is_from_start(one, best) else 0.0
     if not sure:
         return shares
@@ -223,9 +221,10 @@ def _is_from_start(interval: FaultInterval, best: BestEstimate) -> bool:
 def _since_start(interval: FaultInterval, best: BestEstimate) -> float:
     """The probability that what was off since the start is a fault, where it is known what a calibration leaves."""
     if interval.kind in ("gyro_scale", "accel_scale"):
-        return scale_fault_probability(interval.size, np.full(len(interval.size), interval.sigma))
+        return lone_fault_probability("scale", interval.size, interval.sigma)
     size, sigma, unit = reported_size(interval, best)
-    return compass_fault_probability(size, sigma) if interval.device == "compass" and unit == "µT" else 0.0
+    is_field = interval.device == "compass" and unit == "µT"
+    return lone_fault_probability("compass", np.array([size]), sigma) if is_field else 0.0
 
 
 def _turned(interval: FaultInterval, best: BestEstimate) -> Finding:
@@ -259,30 +258,23 @@ def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | N
         return _NOT_CONVERGED
     if best.contradicted and interval.device != "imu":
         return _CONTRADICTED
-    return _undecided(interval)
+    name, shares = words(interval.kind), probability_imu_or_aiding(interval)
+    return _what_else(interval, name, _imu_or_aiding(interval.kind), shares, _imu_or_aiding)
 
 
-def _undecided(interval: FaultInterval) -> Doubt | None:
-    """What else it may be, where the probability that the sensor's side is at fault is too small to accuse it."""
-    shares, own = probability_imu_or_aiding(interval), _imu_or_aiding(interval.kind)
-    other = max((one for one in shares if one != own), key=lambda one: shares[one])
-    likeliest = next((one.kind for one in interval.rivals if _imu_or_aiding(one.kind) == other), "")
-    name = "no fault" if other == "nobody" else words(likeliest)
+def _what_else(
+    interval: FaultInterval, name: str, own: str, shares: Mapping[str, float], side_of: Callable[[str], str]
+) -> Doubt | None:
+    """What else it may be, where the probability of its own side is too small to accuse that, or nobody.
+
+    name: of the interval. shares: side → its probability. side_of: the side of a kind.
+    """
     if shares[own] >= priors.ACCUSED:
         return None
-    two = f"{words(interval.kind)} from {name} ({percent(shares[own])} / {percent(shares[other])})"
-    return Doubt(f"cannot tell {two}", _ANOTHER, "cause")
-
-
-def _fault_in_place_of(nuisance: FaultInterval) -> Doubt | None:
-    """What fault it may be in place of a nuisance, which is none, where that is not sure."""
-    shares = likelihoods(nuisance)
-    nobody = shares.pop("nobody")
-    if nobody >= priors.ACCUSED or not nuisance.rivals:
-        return None
-    whose = max(shares, key=lambda one: shares[one])
-    likeliest = next(one.kind for one in nuisance.rivals if hypothesis_of(one.kind).device == whose)
-    why = f"cannot tell that from {words(likeliest)} ({percent(nobody)} / {percent(shares[whose])})"
+    other = max((side for side in shares if side != own), key=lambda side: shares[side])
+    likeliest = next((one.kind for one in interval.rivals if side_of(one.kind) == other), "")
+    against = "no fault" if other == "nobody" else words(likeliest)
+    why = f"cannot tell {name} from {against} ({percent(shares[own])} / {percent(shares[other])})"
     return Doubt(why, _ANOTHER, "cause")
 
 

@@ -116,15 +116,12 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
     return np.asarray(share / share.sum() @ np.array(sets, np.float64))
 
 
-def compass_fault_probability(size: float, sigma: float) -> float:
-    """That a compass which has been off by a size (µT, with its 1σ) since the start is not of a usual calibration."""
-    return float(fault_probabilities("compass", np.array([size]), sigma, np.zeros(1))[0])
+def lone_fault_probability(sensor: str, sizes: Array, sigma: float) -> float:
+    """That a sensor which has been off by sizes (n,), each known to sigma, since the start is not of usual calibration.
 
-
-def scale_fault_probability(size: Array, sigma: Array) -> float:
-    """The same of scale errors (n,) of a gyro or an accelerometer, no unit, each with its 1σ (n,)."""
-    pairs = zip(size, sigma, strict=True)
-    return max(float(fault_probabilities("scale", np.array([one]), own, np.zeros(1))[0]) for one, own in pairs)
+    sensor: "compass" (µT), or "scale" of a gyro or an accelerometer (no unit). It is weighed by itself.
+    """
+    return max(float(fault_probabilities(sensor, np.array([one]), sigma, np.zeros(1))[0]) for one in sizes)
 
 
 def read_wrongly(

@@ -43,6 +43,7 @@ from companion.model import (
 from companion.strapdown import quaternion
 from companion.verdict.fault_interval import (
     BIAS_UNITS,
+    DEVIATION_UNITS,
     SENSOR_WORDS,
     EstimatorDeviation,
     error_log_bayes,
@@ -122,27 +123,24 @@ def autopilot_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple
     attitude, velocity, position = (np.hypot(best.sigma(block), own[:, None]) for block, own in pairs)
     tilt, heading = attitude[:, :2], attitude[:, 2:]
     rows = [
-        ("tilt", "rad", length(turned[:, :2]), tilt, reference.attitude_known),
-        ("heading", "rad", np.abs(turned[:, 2]), heading, reference.attitude_known),
+        ("tilt", length(turned[:, :2]), tilt, reference.attitude_known),
+        ("heading", np.abs(turned[:, 2]), heading, reference.attitude_known),
     ]
     known = reference.position_known
     if "gps_position" in best.residuals and known.any():
         moved = reference.position - best.position
         begin = np.flatnonzero(known)[: max(5, int(num.POSITION_ORIGIN_SHARE * known.sum()))]
-        rows.append(("velocity", "m/s", length(reference.velocity - best.velocity), velocity, known))
-        rows.append(("position", "m", length(moved - np.median(moved[begin], axis=0)), position, known))
-    return tuple(
-        _summary(name, unit, best.t[known], size[known], length(sigma[known]))
-        for name, unit, size, sigma, known in rows
-        if known.any()
-    )
+        rows.append(("velocity", length(reference.velocity - best.velocity), velocity, known))
+        rows.append(("position", length(moved - np.median(moved[begin], axis=0)), position, known))
+    return tuple(_summary(best.t, *row) for row in rows if row[-1].any())
 
 
-def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> AutopilotError:
+def _summary(t: Array, name: str, size: Array, each: Array, known: BoolArray) -> AutopilotError:
+    t, size, sigma = t[known], size[known], length(each[known])
     worst = int(np.argmax(size))
     median, p95 = float(np.median(size)), float(np.percentile(size, 95.0))
     at_worst = float(size[worst]), float(t[worst]), float(sigma[worst])
-    return AutopilotError(name, unit, len(size), median, p95, *at_worst, typical_sigma=float(np.median(sigma)))
+    return AutopilotError(name, DEVIATION_UNITS[name][0], len(size), median, p95, *at_worst, float(np.median(sigma)))
 
 
 def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:

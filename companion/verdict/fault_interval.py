@@ -32,11 +32,11 @@ SENSOR_WORDS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "co
 BIAS_UNITS: Mapping[str, tuple[str, float, int]] = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
 """Sensor → the unit that a bias is told in, how many of it are one in SI, and decimals."""
 
-DEVIATION_UNITS: Mapping[str, tuple[str, float]] = {
-    "tilt": ("°", np.degrees(1.0)), "heading": ("°", np.degrees(1.0)),
-    "velocity": (" m/s", 1.0), "position": (" m", 1.0), "height": (" m", 1.0),
+DEVIATION_UNITS: Mapping[str, tuple[str, str, float]] = {
+    "tilt": ("rad", "°", np.degrees(1.0)), "heading": ("rad", "°", np.degrees(1.0)),
+    "velocity": ("m/s", " m/s", 1.0), "position": ("m", " m", 1.0), "height": ("m", " m", 1.0),
 }  # fmt: skip
-"""What an estimate may be off in → the unit that it is given in, and how many of it are one in SI."""
+"""What an estimate may be off in → its unit in SI, the one that it is given in, and how many of that are one in SI."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,12 +103,12 @@ class EstimatorDeviation:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit, sure = DEVIATION_UNITS[self.quantity][0].strip().replace("°", "rad"), self.probability
+        unit, sure = DEVIATION_UNITS[self.quantity][0], self.probability
         sized = Cause(f"{self.quantity}_off", "autopilot", self.start, self.end, size=self.size, sigma=self.sigma)
         return replace(sized, unit=unit, probability=sure, side_probability=sure)
 
     def __str__(self) -> str:
-        unit, scale = DEVIATION_UNITS[self.quantity]
+        _, unit, scale = DEVIATION_UNITS[self.quantity]
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{unit} in {self.quantity}"
 
 
@@ -254,11 +254,6 @@ def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimat
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def axis_of(interval: FaultInterval) -> str:
-    """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
-    return main_axis(interval.size) if interval.device == "imu" else ""
-
-
 def _size(interval: FaultInterval, best: BestEstimate) -> Size:
     return Size(interval.size, interval.sigma, best.states.constant("earth_field"))
 
@@ -299,11 +294,11 @@ def cause_of(interval: FaultInterval, best: BestEstimate, side: Side, consequenc
         end_s=interval.end if np.isfinite(interval.end) else None,
         onset_sigma_s=interval.start_sigma,
         sensor=interval.kind.split("_")[0] if interval.device == "imu" else interval.device,
-        axis=axis_of(interval),
+        axis=main_axis(interval.size) if interval.device == "imu" else "",  # of others it is none of the body's
         size=size,
         sigma=sigma,
         unit=unit,
-        probability=likelihoods(interval)[interval.device] if interval.rivals else None,
+        probability=probabilities(interval.rivals)[interval.device] if interval.rivals else None,
         side_probability=shares["imu" if interval.device == "imu" else "aiding"] if interval.rivals else None,
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
@@ -328,14 +323,9 @@ def described(interval: FaultInterval, best: BestEstimate) -> str:
     return f"{what}, {since} {until}"
 
 
-def likelihoods(interval: FaultInterval) -> dict[str, float]:
-    """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the interval."""
-    return probabilities(interval.rivals)
-
-
 def probability_imu_or_aiding(interval: FaultInterval) -> dict[str, float]:
     """ "imu", "aiding" (any sensor beside it), "nobody" → the probability that it has the fault."""
-    shares = likelihoods(interval)
+    shares = probabilities(interval.rivals)
     imu, nobody = shares["imu"], shares["nobody"]
     return {"imu": imu, "aiding": max(1.0 - imu - nobody, 0.0), "nobody": nobody}
 

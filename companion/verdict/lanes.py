@@ -23,12 +23,12 @@ from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEsti
 from companion.model import Array, BoolArray, EstimatorLane, Flight, IntArray, SensorInUse, nearest
 from companion.noise import chi_square
 from companion.verdict.deviations import COMPONENTS, at_first, keyframe_at_first
+from companion.verdict.fault_interval import DEVIATION_UNITS
 from companion.verdict.finding import Cause, Finding
 
 Judgement = Literal["right", "wrong", "indifferent", "undecided"]
 
 FLOWN = "as flown"
-_UNITS: Mapping[str, str] = {"tilt": "rad", "heading": "rad", "velocity": "m/s", "position": "m", "height": "m"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +115,6 @@ class Compared:
     correlation: Correlation  # of it between keyframes
     since: Mapping[str, IntArray] = field(default_factory=dict)  # quantity → (K,) the keyframe that it is counted from
     at_first: Mapping[str, float] = field(default_factory=dict)  # quantity → 1σ of what all lanes are off by there
-
-    @property
-    def by_change(self) -> bool:
-        """Whether headings are counted from where the lanes had them at first."""
-        return "heading" in self.since
 
     def within(self, start: float, end: float) -> BoolArray:
         """(K,) which keyframes of a span, s, are judged."""
@@ -255,7 +250,7 @@ def _odds(sharing: Sequence[str], one: LaneErrors, other: LaneErrors) -> float:
 
 
 def _in_span(one: LaneErrors, compared: Compared, where: BoolArray, sharing: Sequence[str]) -> LaneInSpan:
-    errors = tuple(_error(one, quantity, compared, where) for quantity in _UNITS if (where & one.known(quantity)).any())
+    errors = tuple(_error(one, name, compared, where) for name in one.error if (where & one.known(name)).any())
     others = [other for other in compared.lanes if None not in (one.lane.core, other.lane.core) and other is not one]
     told = (nearer_probability(one, other, compared, where, _odds(sharing, one, other)) for other in others)
     pairs = [p for p in told if p is not None]
@@ -270,7 +265,7 @@ def _error(one: LaneErrors, quantity: str, compared: Compared, where: BoolArray)
     worst, rms, p95 = int(np.argmax(size)), float(np.sqrt((size**2).mean())), float(np.percentile(size, 95.0))
     at_worst = float(size[worst]), float(compared.t[known][worst])
     sigma = float(np.median(compared.sigma(quantity)[known]))
-    return LaneError(quantity, _UNITS[quantity], len(size), rms, p95, *at_worst, sigma)
+    return LaneError(quantity, DEVIATION_UNITS[quantity][0], len(size), rms, p95, *at_worst, sigma)
 
 
 def _switches(flight: Flight, compared: Compared) -> Iterator[LaneSwitch]:
@@ -338,7 +333,7 @@ def _notes(flight: Flight, numbered: Sequence[EstimatorLane], best: BestEstimate
     imus = [lane.imu for lane in numbered if lane.imu is not None]
     if len(imus) > len(set(imus)):
         yield "several lanes read the same IMU: what is wrong with it is wrong with all of them"
-    if compared.by_change:
+    if "heading" in compared.since:
         yield "headings are counted from where the lanes had them at first: their change is better known"
     if "gps_position" not in best.residuals:
         yield "without a GPS velocity and position of the lanes cannot be judged"

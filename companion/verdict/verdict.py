@@ -295,7 +295,7 @@ def stated_cause(finding: Finding) -> Cause:
 Band = tuple[tuple[float, float, float, float], ...]
 """Time since an anchor, s, and 1σ of what the error is expected to be then: attitude °, velocity m/s, position m."""
 
-State = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "starting", "lost", "stale", ""]
+State = Literal[Status, "starting", "lost", "stale", ""]
 """A verdict; the estimator aligns or a flight has just begun; control was lost; the data are old; nothing yet."""
 
 

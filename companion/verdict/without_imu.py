@@ -135,7 +135,7 @@ def _place(gps: GpsTrack) -> Array:
 
 
 def _disagreements(one: _Apart) -> Iterator[Finding]:
-    unit, scale = DEVIATION_UNITS[one.quantity]
+    _, unit, scale = DEVIATION_UNITS[one.quantity]
     for begin, end in spans(one.t, np.asarray(one.off > one.least)):
         if end - begin >= healthy.DEVIATION_S[one.quantity]:
             most = scale * float(one.off[(one.t >= begin) & (one.t <= end)].max())
@@ -150,7 +150,7 @@ def _disagreements(one: _Apart) -> Iterator[Finding]:
 
 def _agreement(one: _Apart) -> str:
     """How far the two agree, in words; "" where they do not."""
-    unit, scale = DEVIATION_UNITS[one.quantity]
+    _, unit, scale = DEVIATION_UNITS[one.quantity]
     most = float(np.nanpercentile(one.off, check.AGREES_PERCENTILE))
     agree = f"{one.quantity} within {scale * most:.1f}{unit} of the {one.sensor}"
     return agree if most < np.median(one.least) else ""

@@ -8,9 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.comparison import GENERIC, NAMES, PARTS, Calibration, Correction, ReferenceSpec, calibrate, compare
+from companion.comparison import (
+    GENERIC,
+    NAMES,
+    PARTS,
+    Calibration,
+    Correction,
+    ReferenceSpec,
+    calibrate,
+    compare,
+    drift_over,
+    windows,
+)
 from companion.comparison.calibrate import Known
-from companion.comparison.drift import drift_of
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds
@@ -158,8 +168,8 @@ def test_the_correction_holds_on_windows_that_were_not_fitted() -> None:
     assert half.windows == 8
     later = track[int(np.searchsorted(track.t, middle)) :]
     flight = flight_of(motion)
-    before = drift_of(compare(flight, track=later), (5,)).rows[0].position_m
-    after = drift_of(compare(flight, track=half.correction.apply(later)), (5,)).rows[0].position_m
+    both = (compare(flight, track=track) for track in (later, half.correction.apply(later)))
+    before, after = (drift_over(one, [windows(one, 5.0)]).rows[0].position_m for one in both)
     assert before
     assert after
     assert after.median < before.median / 10

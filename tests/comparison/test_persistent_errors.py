@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.comparison import GENERIC, NAMES, PARTS, Correction, compare, known_from, windows
+from companion.comparison import GENERIC, NAMES, PARTS, Correction, compare, drift_over, known_from, windows
 from companion.comparison.calibrate import _to_figures
-from companion.comparison.drift import drift_of
 from companion.estimation import smooth
 from companion.model import ImuTrack
 from companion.verdict.constant_faults import beside_best
@@ -66,7 +65,8 @@ def test_the_best_estimate_judges_a_correction() -> None:
     beside, chosen = beside_best(own, best, windows(own, 5.0))
     assert len(chosen.start) >= 10
     of_it = Correction(gyro_bias=best.errors.values[:3], accel_bias=best.errors.values[3:6])
-    raw, corrected = (drift_of(one, (5.0,)).rows[0] for one in (beside, beside.of(of_it.apply(own.track))))
+    both = beside, beside.of(of_it.apply(own.track))
+    raw, corrected = (drift_over(one, [windows(one, 5.0)]).rows[0] for one in both)
     for attribute in ("attitude_deg", "position_m"):
         before, after = getattr(raw, attribute), getattr(corrected, attribute)
         assert after.median < 0.3 * before.median

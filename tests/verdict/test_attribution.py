@@ -22,7 +22,7 @@ from companion.verdict.attribution import fault_probability, findings_of, follow
 from companion.verdict.deviations import deviations_of
 from companion.verdict.fault_interval import EstimatorDeviation, FaultInterval, cause_of, described, fault_intervals
 from companion.verdict.finding import Finding
-from companion.verdict.findings import findings
+from companion.verdict.findings.detect import findings
 from tests.flights import turned
 from tests.verdict.deviating import off_by
 

@@ -12,13 +12,12 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import BestEstimate, Explained, smooth
 from companion.model import Array, Event, Flight, ImuTrack
 from companion.verdict.constant_faults import (
-    compass_fault_probability,
     constant_errors,
     constant_fault_probability,
     constant_findings,
     errors_at_rest,
     fault_probabilities,
-    scale_fault_probability,
+    lone_fault_probability,
 )
 from tests.estimation.sensed import sensed
 
@@ -105,8 +104,9 @@ def test_a_step_that_may_be_as_old_as_the_log_is_a_constant_error(
 
 
 def test_a_scale_is_at_fault_beyond_what_parts_do() -> None:
-    part, own = 0.5 * healthy.USUAL_SCALE, np.full(3, 0.005)
-    sizes = [scale_fault_probability(np.array([0.0, -size, 0.0]), own) for size in (0.0, 2.0 * part, 5.0 * part, 0.2)]
+    part = 0.5 * healthy.USUAL_SCALE
+    scales = (np.array([0.0, -size, 0.0]) for size in (0.0, 2.0 * part, 5.0 * part, 0.2))
+    sizes = [lone_fault_probability("scale", scale, 0.005) for scale in scales]
     assert (np.diff(sizes) > 0.0).all()
     assert sizes[1] < 1.0 - ACCUSED
     assert sizes[3] > ACCUSED
@@ -156,8 +156,9 @@ def _joined(flown: ImuTrack, rest: ImuTrack, rates: Array) -> ImuTrack:
 
 def test_a_compass_is_at_fault_since_the_start_beyond_what_a_calibration_leaves() -> None:
     sizes = np.array([5.0, 15.0, 30.0, 60.0, 120.0])
-    sure = np.array([compass_fault_probability(size, 2.0) for size in sizes])
+    sure = np.array([lone_fault_probability("compass", np.array([size]), 2.0) for size in sizes])
     assert (np.diff(sure) > 0.0).all()
     assert sure[1] < 0.05
     assert sure[3] > 0.95
-    assert compass_fault_probability(40.0, 30.0) < 0.5, "one that is hardly known accuses nobody"
+    unsure = lone_fault_probability("compass", np.array([40.0]), 30.0)
+    assert unsure < 0.5, "one that is hardly known accuses nobody"

@@ -29,9 +29,8 @@ from companion.model import (
 )
 from companion.strapdown import Motion, motions, quaternion
 from companion.verdict import Assessment, Finding, assess
-from companion.verdict.findings import findings
 from companion.verdict.findings.axes import meaning_findings
-from companion.verdict.findings.detect import reading_faults
+from companion.verdict.findings.detect import findings, reading_faults
 from companion.verdict.findings.outages import jump_findings
 from companion.verdict.findings.readings import lags, turns_back
 from companion.verdict.findings.vibration import clip_counts

@@ -13,7 +13,7 @@ import companion as c
 from companion.comparison import GENERIC
 from companion.model import Array, Flight, Series
 from companion.verdict import Finding, assess
-from companion.verdict.findings import screened_aiding
+from companion.verdict.findings.aiding import screened_aiding
 from companion.verdict.findings.detect import misled
 from tests.flights import CIRCLE, LIVELY, flown
 from tests.recordings import BUNDLED, shared

@@ -24,14 +24,12 @@ def reading_findings(
     armed: (N,) whether the vehicle is, at the samples of the track; None where that is not known.
     """
     yield from _frozen(track, attitude, np.zeros(len(track), np.bool_) if armed is None else armed)
-    for name, readings, step, full, unit in (
-        ("gyro", track.gyro, track.gyro_step, imu.gyro.full_scale, "rad/s"),
-        ("accel", track.accel, track.accel_step, imu.accel.full_scale, "m/s²"),
-    ):
+    for name, full, unit in (("gyro", imu.gyro.full_scale, "rad/s"), ("accel", imu.accel.full_scale, "m/s²")):
+        readings, step = read_by(track, name)
         at = (np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, step, track.rate_hz)
         total = int(at.sum())
         for group in grouped(track.t, np.flatnonzero(at)):
-            start, end, most = float(track.t[group[0]]), float(track.t[group[-1]]), np.abs(readings[group]).max()
+            (start, end), most = ends_of(track.t[group]), np.abs(readings[group]).max()
             many = counted(len(group), "sample")
             moment = len(group) < harm.CLIPPED_MOMENT_S * track.rate_hz and total < harm.CLIPPED_S * track.rate_hz
             evidence = f"{many} of the {SENSOR_WORDS[name]} at the end of its range, {most:.1f} {unit}"

@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.comparison import (
     Comparison,
+    Span,
     down_in_body,
     judged_at,
     length,
@@ -277,14 +278,9 @@ class _Missed:
     size: float  # rad/s or m/s², 1σ of what it missed
 
     @property
-    def begin(self) -> float:
-        """s"""
-        return float(self.sensor.t[self.first])
-
-    @property
-    def end(self) -> float:
-        """s"""
-        return float(self.sensor.t[self.last])
+    def span(self) -> Span:
+        """From when to when, s."""
+        return float(self.sensor.t[self.first]), float(self.sensor.t[self.last])
 
 
 def missed_findings(
@@ -301,7 +297,8 @@ def missed_findings(
     apart: list[BestEstimate | None] = []
     for one in _missed(comparison, best, judged_at(flight, best.t)):
         if one.sensor.name == "gyro":
-            meanwhile = [o for o in others if o.t[0] <= one.begin and o.t[-1] >= one.end]
+            begin, end = one.span
+            meanwhile = [o for o in others if o.t[0] <= begin and o.t[-1] >= end]
             if meanwhile and not any(_turned_too(o, one, best) for o in meanwhile):
                 continue
             if not meanwhile:
@@ -325,7 +322,7 @@ def _without(
 
 def _blames(best: BestEstimate, missed: _Missed) -> bool:
     """Whether an estimate has to explain something of the gyro along an axis, in a time in which it reads the same."""
-    sizes = [one.size for one in _explained(best, "gyro", missed.begin, missed.end)]
+    sizes = [one.size for one in _explained(best, "gyro", *missed.span)]
     return any(abs(size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(size) for size in sizes)
 
 
@@ -337,7 +334,7 @@ def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> lis
 
 def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
     """Whether another IMU's gyro moved along an axis by half of what this one missed, between the same keyframes."""
-    at = best.t[within(best.t, (missed.begin, missed.end))]
+    at = best.t[within(best.t, missed.span)]
     steps = np.diff(other.t) * 0.5 * (other.gyro[1:, missed.axis] + other.gyro[:-1, missed.axis])
     angle = np.interp(at, other.t, np.concatenate([[0.0], np.cumsum(steps)]))
     return float((np.diff(angle) / np.diff(at)).std()) > check.MISSED_CONFIRMED * missed.size
