@@ -37,7 +37,9 @@ def paths(shown: Replay, best: BestEstimate | None) -> dict[str, Array]:
 
 def _few(path: Array) -> Array:
     finite = path[np.isfinite(path).all(axis=1)]
-    return finite[np.unique(np.linspace(0, len(finite) - 1, MOST_POINTS).round().astype(np.intp))]
+    return finite[
+        np.unique(np.linspace(0, max(len(finite) - 1, 0), min(len(finite), MOST_POINTS)).round().astype(np.intp))
+    ]
 
 
 def geodetic(flight: Flight, position: Array, best: BestEstimate | None = None) -> Array | None:

@@ -225,7 +225,7 @@ def _metadata(bag: str, channels: list[Channel]) -> bytes:
     counts = Counter[tuple[str, str]]()
     for channel in channels:
         counts[channel.topic, channel.schema.name] += len(channel.stamps)
-    stamps = [int(end) for channel in channels for end in channel.stamps[[0, -1]] if len(channel.stamps)] or [0]
+    stamps = [int(end) for channel in channels if len(channel.stamps) for end in channel.stamps[[0, -1]]] or [0]
     span = {
         "duration": {"nanoseconds": max(stamps) - min(stamps)},
         "starting_time": {"nanoseconds_since_epoch": min(stamps)},

@@ -21,11 +21,12 @@ _AXIS = "seconds from the moment"
 def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None, verdict: str, name: str) -> str:
     """One page. name: of the log; verdict: the analysis in a sentence, or ""."""
     charts = Charts()
-    panels = list(_panels(incident, flight, best))
-    figure = charts.add(
-        traces.stack(panels, _AXIS, spans=[(0.0, incident.end_s - incident.moment.t)]),
-        "Everything on one time axis; the moment is at zero. Heights are from where the vehicle was then.",
-    )
+    figure = paragraph("No attitude, IMU, motor or height was recorded in these seconds.")
+    if panels := list(_panels(incident, flight, best)):
+        figure = charts.add(
+            traces.stack(panels, _AXIS, spans=[(0.0, incident.end_s - incident.moment.t)]),
+            "Everything on one time axis; the moment is at zero. Heights are from where the vehicle was then.",
+        )
     titles = ("cause", "probability", "what speaks for it")
     sections = [
         Section("causes", "Probable causes", table(titles, cause_lines(incident), words=3)),

@@ -272,7 +272,8 @@ def _what_else(
     if shares[own] >= priors.ACCUSED:
         return None
     other = max((side for side in shares if side != own), key=lambda side: shares[side])
-    likeliest = next((one.kind for one in interval.rivals if side_of(one.kind) == other), "")
+    faults = (one.kind for one in interval.rivals if not hypothesis_of(one.kind).nuisance)
+    likeliest = next((kind for kind in faults if side_of(kind) == other), "")
     against = "no fault" if other == "nobody" else words(likeliest)
     why = f"cannot tell {name} from {against} ({percent(shares[own])} / {percent(shares[other])})"
     return Doubt(why, _ANOTHER, "cause")

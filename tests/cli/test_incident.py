@@ -11,6 +11,7 @@ from companion.cli import main
 from tests.documents.test_keys import KEYS, differences
 from tests.recordings import recording
 from tests.report.pages import Contents
+from tests.tlogs import Writer
 
 pytestmark = pytest.mark.slow
 
@@ -45,3 +46,14 @@ def test_the_page_is_markdown_or_html(switched: str, tmp_path: Path, capsys: Cap
     assert set(contents.sections) == {"causes", "charts", "facts", "timeline"}
     assert contents.figures
     assert main(["incident", switched, "-o", str(tmp_path / "page.pdf")]) == 2
+
+
+def test_of_a_flight_without_anything_to_draw_the_page_says_so(tmp_path: Path, capsys: Captured) -> None:
+    log, page = Writer(tmp_path / "landed.tlog"), tmp_path / "page.html"
+    for t in range(30):
+        log.heartbeat(float(t))
+        log.send(float(t), "extended_sys_state", vtol_state=0, landed_state=1)
+    assert main(["incident", str(log.close()), "--at", "10", "-o", str(page)]) == 0, capsys.readouterr().err
+    contents = Contents(page.read_text(encoding="utf-8"))
+    assert not contents.figures
+    assert "charts" in contents.sections

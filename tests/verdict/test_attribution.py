@@ -774,6 +774,15 @@ def test_a_harmless_size_is_told_as_no_fault(best: BestEstimate) -> None:
     assert finding.evidence.endswith("(no fault: over 99.9 %)")
 
 
+def test_in_the_place_of_a_moment_stands_a_fault_and_no_other_moment(best: BestEstimate) -> None:
+    odds = ("gyro_shock", 2.0, 0.0), ("gyro_bias", 1.8, 1.0)
+    rivals = tuple(Rival(kind, "step", value, fault) for kind, value, fault in odds)
+    sized = np.array([0.1, 0.0, 0.0]), np.full(3, 0.005)
+    turned = replace(best, explained=(Explained("gyro_shock", "shock", ONSET, 0.2, np.inf, *sized, rivals),))
+    (finding,) = findings_of(fault_intervals(turned), (), turned)
+    assert finding.evidence.endswith("; cannot tell that from gyro bias (58 % / 42 %)")
+
+
 @pytest.mark.parametrize(("odds", "undecided"), [(6.0, False), (2.0, True)])
 def test_a_moment_that_may_be_a_fault_instead_is_undecided(best: BestEstimate, odds: float, undecided: bool) -> None:
     """A push that the accelerometer misses, and a GPS whose velocity steps, leave nearly the same readings."""
