@@ -8,7 +8,7 @@ Also here: how the size of what went wrong is said in words: the phrases that th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -56,10 +56,11 @@ def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int, si
     return f"{sensor} {error} {every} {spread}"
 
 
-def by_length(what: str, unit: str, size: Size) -> str:
-    """'the GPS position is off by up to 9.1 ± 1.2 m (north 8.0, east 4.3)'."""
-    parts = "" if len(size.value) < 2 else f" (north {size.value[0]:.1f}, east {size.value[1]:.1f})"
-    return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{parts}"
+def by_length(what: str, unit: str, size: Size, axes: Sequence[str] = ("north", "east")) -> str:
+    """'the GPS position is off by up to 9.1 ± 1.2 m (north 8.0, east 4.3)'; axes: in which the size is."""
+    parts = ", ".join(f"{axis} {value:.1f}" for axis, value in zip(axes, size.value, strict=False))
+    along = f" ({parts})" if len(size.value) > 1 else ""
+    return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{along}"
 
 
 def by_number(words: str, factor: float, size: Size) -> str:
@@ -321,7 +322,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          device="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
          signature=_rotation, rate=0.01),
     Hypothesis("compass_iron", "a magnet or a current comes near the compass",
-         partial(by_length, "the compass", "µT"),
+         partial(by_length, "the compass", "µT", axes="xyz"),
          "Look for currents and iron near the compass: motors, cables.",
          device="compass", unit="µT", shapes=("step", "pulse"), prior=30.0, min_reported=healthy.USUAL_IRON,
          signature=partial(_shift, "compass"), rate=0.1),

@@ -657,6 +657,12 @@ def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
     assert all(kind.fault_threshold == 0 or kind.device == "imu" for kind in HYPOTHESES)
 
 
+def test_what_shifts_a_reading_is_said_in_the_axes_of_that_reading() -> None:
+    size = Size(np.array([-19.5, 0.0, 1.0]), 0.1, np.array([20.0, 5.0, 40.0]))
+    assert hypothesis_of("compass_iron").phrase(size).endswith("19.5 ± 0.1 µT (x -19.5, y 0.0, z 1.0)")
+    assert hypothesis_of("gps_velocity").phrase(size).endswith("m/s (north -19.5, east 0.0)")
+
+
 def test_a_single_number_keeps_its_sign() -> None:
     told = hypothesis_of("gps_latency").phrase(Size(np.array([-0.2]), 0.01, np.zeros(3)))
     assert told == "the GPS fixes come -0.200 ± 0.010 s later than before"
