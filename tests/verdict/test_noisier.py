@@ -61,3 +61,10 @@ def test_only_an_imu_that_does_not_feel_it_makes_it_a_fault(*, shakes: bool) -> 
     (said,) = noisier_findings(shaken(spoilt, 4), (other,))
     assert (alone.severity, alone.undecided) == ("warning", True)
     assert (said.severity, said.undecided) == (("warning", True) if shakes else ("error", False))
+
+
+def test_an_axis_beside_which_the_noisiest_becomes_quiet_is_in_order() -> None:
+    """A rover shakes about the axis that it steers about, until it stops."""
+    steering = during(0.0, 80.0, (2,), 20.0) * during(80.0, 120.0, (1,), 1.3)
+    for seed in range(20):
+        assert not list(noisier_findings(shaken(steering, seed), ()))

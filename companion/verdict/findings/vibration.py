@@ -61,9 +61,9 @@ def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
     """First and last block of stretches in which the noise (log, (B, 3)) of an axis has no chance to be usual."""
     if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS:
         return
-    ratio = level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
-    usual = np.median(ratio)
-    for i, j in runs(np.asarray(ratio > usual + np.log(2.0))):
+    own, ratio = level[:, axis], level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
+    doubled = [one > np.median(one) + np.log(2.0) for one in (own, ratio)]  # where neighbours are quiet, but the ratio
+    for i, j in runs(np.logical_and(*doubled)):
         outside = np.ones(len(level), np.bool_)
         outside[max(i - 1, 0) : j + 2] = False
         stretch = _longest(level, axis, slice(i, j + 1), outside)
