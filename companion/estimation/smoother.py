@@ -171,13 +171,15 @@ def next_adaptation(
 
     A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
     estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
-    It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew.
+    It begins where the estimate has settled; where the IMU does not fit, that may be far off, and it begins anew. What
+    moves readings in time is linear in small sizes alone: it begins at the noise at which it was seen, for where the
+    IMU is held for noise the states follow late readings.
     most: linearisations, after which no other candidate is tried.
     """
     anew = settled.noise.contradicts(scatter(setup))
     begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
     usual = trials(linear)
-    candidates = _candidates(usual)
+    candidates = {one.name: (one, begin) for one in _candidates(usual)}
     in_order = not any(one.hypothesis.device == "imu" for one in accepted)
     spent = 0
     for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
@@ -185,8 +187,10 @@ def next_adaptation(
             setup, begin, accepted, limits, white=True, polish=num.LEARNING_MISFIT, passes=num.TRIAL_PASSES
         )
         spent += quieter.linearisations
-        candidates |= _candidates(trials(believed))
-    tried, weighed, failed = _tried(setup, begin, accepted, candidates.values(), most - spent)
+        seen = replace(quieter, states=begin.states, near=begin.near)
+        for one in _candidates(trials(believed)):
+            candidates[one.name] = one, seen if one.hypothesis.time_shifts else begin
+    tried, weighed, failed = _tried(setup, accepted, candidates.values(), most - spent)
     weighed = weighed or [Candidate.of_trial(one) for one in usual]
     spent += sum(one.settled.linearisations for one in tried)
     rivals = tuple(one.rival for one in weighed)
@@ -212,11 +216,7 @@ def _by_fault(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
 
 
 def _tried(
-    setup: Setup,
-    begin: Start,
-    accepted: Sequence[Candidate],
-    candidates: Iterable[Candidate],
-    most: float,
+    setup: Setup, accepted: Sequence[Candidate], candidates: Iterable[tuple[Candidate, Start]], most: float
 ) -> tuple[list[Adaptation], list[Candidate], set[_When]]:
     """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
 
@@ -225,9 +225,9 @@ def _tried(
     The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
     """
     tried, weighed, failed = list[Adaptation](), list[Candidate](), set[_When]()
-    left = sorted(candidates, key=lambda one: one.log_odds)
+    left = sorted(candidates, key=lambda one: one[0].log_odds)
     while left and sum(one.settled.linearisations for one in tried) < most:
-        candidate = left.pop()
+        candidate, begin = left.pop()
         if (one := estimate_with(setup, begin, accepted, candidate)) is None:
             failed.add(_when(candidate))
             continue
@@ -238,7 +238,7 @@ def _tried(
         weighed = _weighed(setup, one, accepted)
         odds = {other.name: other.log_odds for other in reversed(weighed)}
         own = odds.get(one.candidate.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
-        if all(own > odds.get(other.name, num.LOG_ZERO) for other in left):
+        if all(own > odds.get(other.name, num.LOG_ZERO) for other, _ in left):
             break
     return tried, weighed, failed
 
@@ -258,13 +258,13 @@ def _weighed(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]
     return weighed
 
 
-def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], Candidate]:
+def _candidates(weighed: Sequence[Trial]) -> Iterable[Candidate]:
     """The likeliest hypothesis of the IMU and of an aiding sensor, where they may be worth an estimate of their own."""
     chosen: dict[bool, Candidate] = {}
     for one in weighed:
         if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
             chosen.setdefault(one.hypothesis.device == "imu", Candidate.of_trial(one))
-    return {candidate.name: candidate for candidate in chosen.values()}
+    return chosen.values()
 
 
 def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:
