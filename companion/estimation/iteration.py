@@ -167,9 +167,8 @@ def estimate(
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
-    noise, however long it lasts: as it is not where something unexplained is in it. polish: the states follow the noise
-    as it is learned at last, until no more than this is to gain; infinite where the noise alone is asked for. passes:
-    at most so many, before these.
+    noise, however long it lasts: as it is not where something unexplained is in it. polish: with the noise as learned
+    at last it goes on until no more than this is to gain; infinite: for the noise alone. passes: at most, before that.
     """
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
