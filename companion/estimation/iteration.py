@@ -18,6 +18,7 @@ vehicle did not move says little of its onset: that is sought again with its siz
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -96,8 +97,10 @@ class Step:
     def taken(self, linearised: Callable[[Point], Problem]) -> tuple[Point, Problem, bool]:
         """Where it leads, the linear problem there, and whether the misfit is higher there, however short the step.
 
-        linearised: makes the problem about a point. Raises numpy.linalg.LinAlgError where the misfit is no number
-        there, however short the step.
+        A whole step that leads uphill is corrected before it is shortened: an error of the IMU turns with the attitudes
+        that change with it, so that the valley is curved, and the next step from there leads down again (second-order
+        correction, Nocedal and Wright, §15.6). linearised: makes the problem about a point. Raises
+        numpy.linalg.LinAlgError where the misfit is no number there, however short the step.
         """
         share, left = 1.0, num.SHORTENED_TIMES
         while True:
@@ -105,6 +108,8 @@ class Step:
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
             uphill = not higher <= num.CONVERGED_MISFIT  # NaN is higher than anything
+            if uphill and share == 1.0 and (corrected := self._corrected(point, linear, linearised)) is not None:
+                return *corrected, False
             if not (uphill and left):
                 if not np.isfinite(higher):
                     raise np.linalg.LinAlgError("the misfit is not finite")
@@ -112,6 +117,17 @@ class Step:
             del linear  # before the next is made, as large
             least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
             share, left = float(np.clip(least, num.SHORTENED_MIN * share, num.SHORTENED_MAX * share)), left - 1
+
+    def _corrected(
+        self, point: Point, linear: Problem, linearised: Callable[[Point], Problem]
+    ) -> tuple[Point, Problem] | None:
+        """Where the next whole step from a point leads, if the misfit is not higher there than at the beginning."""
+        with contextlib.suppress(np.linalg.LinAlgError):
+            further = Step.of(linear, point.sizes).at(1.0)
+            there = linearised(further)
+            if self.misfit_at(further, there) <= self.misfit + num.CONVERGED_MISFIT:
+                return further, there
+        return None
 
 
 def _misfit(linear: Problem, sizes: Array, weight: Array, information: Sequence[Array]) -> float:

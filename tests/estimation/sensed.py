@@ -55,12 +55,13 @@ def sensed(
     fixes_hz: float = 2.5,
     place: tuple[float, float, float] = PLACE,
     biases: tuple[Array, Array] = BIASES,
+    noise: tuple[float, float] = NOISE,
 ) -> tuple[Flight, Motion]:
     """A flight with a GPS, compass and barometer at 10 Hz, and its truth."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1.0 / rate)
     truth = PATHS[path](t)
-    model = ImuModel(gyro=Sensor(NOISE[0], bias=biases[0]), accel=Sensor(NOISE[1], bias=biases[1]))
+    model = ImuModel(gyro=Sensor(noise[0], bias=biases[0]), accel=Sensor(noise[1], bias=biases[1]))
     imu = replace(simulate(truth.imu, model, rng), source="RAW_IMU")
     flight = Flight(
         vehicle=Vehicle(1, 1, "ARDUPILOTMEGA", "QUADROTOR"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,8 +31,8 @@ from companion.estimation.readings import Readings
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array, Flight
-from companion.strapdown import Motion, quaternion
-from tests.estimation.sensed import LATENCY, errors, gps_of, sensed, with_imu
+from companion.strapdown import Motion, motions, quaternion
+from tests.estimation.sensed import LATENCY, PATHS, errors, gps_of, sensed, with_imu
 
 NOTHING = np.zeros(0)
 
@@ -166,6 +166,22 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
     estimate(setup, replace(settled, states=start.states), [choice])
     assert any(uphill), "the problem is too easy to show anything"
     assert len(passes) < 15
+
+
+def test_a_step_along_a_curved_valley_is_corrected_before_it_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scale turns with the attitudes that change with it: whole steps lead uphill, and shortened ones creep."""
+    monkeypatch.setitem(PATHS, "turning", partial(motions.circle, radius=0.3, speed=0.6))
+    flight, _ = sensed(60.0, "turning", seed=1, noise=(5e-5, 5e-3))
+    imu = flight.imu()
+    scaled = with_imu(
+        flight, replace(imu, gyro=np.where((imu.t > 30.0)[:, None], imu.gyro * [1.0, 1.0, 1.1], imu.gyro))
+    )
+    setup = set_up(scaled, None, STANDARD_GRAVITY, None)
+    settled, _ = estimate(setup, start_of(setup, first_guess(setup, scaled)))
+    choice = Candidate(hypothesis_of("gyro_scale"), "step", 30.0, np.inf, 0.1, -1, 0.0, 0.0)
+    settled, linear = estimate(setup, replace(settled, near=True), [choice], passes=num.TRIAL_PASSES)
+    assert settled.gain < num.LEARNING_MISFIT  # it was thousands
+    assert linear.solution.c[-1] == pytest.approx(0.1, abs=0.001)
 
 
 def test_what_is_likelier_by_noise_alone_is_a_factor_of_noise() -> None:
