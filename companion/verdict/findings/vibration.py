@@ -62,7 +62,7 @@ def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
     if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS:
         return
     own, ratio = level[:, axis], level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
-    doubled = [one > np.median(one) + np.log(2.0) for one in (own, ratio)]  # where neighbours are quiet, but the ratio
+    doubled = [one > np.median(one) + np.log(2.0) for one in (own, ratio)]  # a quiet neighbour doubles the ratio alone
     for i, j in runs(np.logical_and(*doubled)):
         outside = np.ones(len(level), np.bool_)
         outside[max(i - 1, 0) : j + 2] = False
