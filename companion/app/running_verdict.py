@@ -37,10 +37,12 @@ from companion.model import DataError, Flight, counted
 from companion.verdict import (
     Assessment,
     Band,
+    Doubt,
     LiveVerdict,
     StandingFault,
     Verdict,
     believable,
+    beside_doubt,
     carried_on,
     standing_verdict,
 )
@@ -236,15 +238,16 @@ def verdict_on(assignment: Assignment) -> Judging:
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
     standing: tuple[StandingFault, ...] = ()
+    doubt: Doubt | None = None
     since = 0.0  # s, boot clock, when the vehicle was first received
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made, before, standing, since
+        nonlocal band, of, made, before, standing, doubt, since
         end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
         if now != of:
             before = None
         if of is None or now[:2] != of[:2]:
-            standing, since = (), flight.start
+            standing, doubt, since = (), None, flight.start
         try:
             assessment = assess_imu(flight, settings, imu=imu, before=before, effort=_EFFORT)
         except DataError as why:
@@ -259,6 +262,7 @@ def verdict_on(assignment: Assignment) -> Judging:
         if verdict.status == "insufficient_data" and (begun := _just_begun(flight, assessment, since)):
             of = now
             raise NothingYetError(begun)
+        verdict, doubt = beside_doubt(verdict, end, doubt)
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
             budget = assessment.comparison, assessment.imu_spec, assessment.autopilot

@@ -19,6 +19,13 @@ from companion.verdict.lanes import (
     known_share,
 )
 from companion.verdict.preflight import Ageing, Check, Preflight, ageing, preflight
-from companion.verdict.standing import StandingFault, believable, carried_on, standing_verdict
+from companion.verdict.standing import (
+    Doubt,
+    StandingFault,
+    believable,
+    beside_doubt,
+    carried_on,
+    standing_verdict,
+)
 from companion.verdict.verdict import Alarm, Band, FlightVerdict, LiveVerdict, State, Verdict
 from companion.verdict.without_imu import verdict_without_imu

@@ -10,6 +10,8 @@ u: its size as measured while the piece still had its onset, d: the sensor's err
 is over below 5 %, as it was accepted above 95 %: hysteresis in probability. What is not measured in units of its own
 (noise, a deviation of the estimate) is over when enough has been judged in which it would have been found.
 
+What could not be told, but is likely, stands in the same way: it takes as long to go as its probability asks for.
+
 Also here: whether an IMU reads what it is accused of: what has only begun may be taken for something that cannot be.
 
 Also here: what an IMU reads too much by a piece of a flight: before a time, and at its end.
@@ -19,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 
@@ -220,6 +223,33 @@ def standing_verdict(standing: Sequence[StandingFault], verdict: Verdict) -> Ver
     return replace(verdict, status=SUSPECT[side], summary=summary, cause=first.cause)
 
 
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A fault that is likely, but was not told from its rivals, or from none."""
+
+    verdict: Verdict  # that could not tell
+    probability: float  # then, that there is a fault
+    seen_s: float  # boot clock, at the end of that piece
+
+
+def beside_doubt(verdict: Verdict, end: float, before: Doubt | None) -> tuple[Verdict, Doubt | None]:
+    """The verdict on a piece that ends at `end`, s, boot clock, beside a doubt, and the doubt that stands after it.
+
+    verdict: beside the faults that stand. A doubt goes as a fault goes that no later piece shows, or when somebody is
+    suspect; until then it is not said that all is well.
+    """
+    if verdict.status == "insufficient_data":
+        fault = min(1.0 - verdict.probability.get("nobody", 1.0), priors.ACCUSED)
+        return verdict, Doubt(verdict, fault, end) if fault > 1.0 - priors.ACCUSED else before
+    if before is None or verdict.status != "consistent":
+        return verdict, None
+    left = _unseen(end - before.seen_s, log(before.probability / (1.0 - before.probability)))
+    if left <= 1.0 - priors.ACCUSED:
+        return verdict, None
+    since = f"not found in the {end - before.seen_s:.0f} s since: {percent(left)}"
+    return replace(before.verdict, summary=f"{before.verdict.summary.removesuffix('.')}; {since}."), before
+
+
 def _same(one: Finding, other: Finding) -> bool:
     """Whether two findings are of one fault: of the same sensor, or of the same side and onset.
 
@@ -374,13 +404,12 @@ def _stays(size: Array, before: Reading, now: Reading, cause: Cause) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))
 
 
-def _unseen(seconds: float) -> float:
+def _unseen(seconds: float, log_odds: float = priors.ACCUSED_ODDS) -> float:
     """The probability that what was found is still there, though so much has been judged since that would show it.
 
-    It is found in 95 % of pieces as long as a verdict needs.
+    It is found in 95 % of pieces as long as a verdict needs. log_odds: of it when it was found last.
     """
-    pieces = max(seconds, 0.0) / (num.MIN_WINDOWS * num.JUDGED_S)
-    log_odds = priors.ACCUSED_ODDS * (1.0 - pieces)
+    log_odds -= priors.ACCUSED_ODDS * max(seconds, 0.0) / (num.MIN_WINDOWS * num.JUDGED_S)
     return float(1.0 / (1.0 + np.exp(-log_odds)))
 
 

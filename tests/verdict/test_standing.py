@@ -15,7 +15,17 @@ from companion.comparison import GENERIC
 from companion.estimation import Explained, Rival
 from companion.model import Flight, rows
 from companion.strapdown import motions
-from companion.verdict import Cause, Finding, StandingFault, Verdict, assess, carried_on, standing_verdict
+from companion.verdict import (
+    Cause,
+    Doubt,
+    Finding,
+    StandingFault,
+    Verdict,
+    assess,
+    beside_doubt,
+    carried_on,
+    standing_verdict,
+)
 from companion.verdict import standing as standing_faults
 from companion.verdict.fault_interval import FaultInterval
 from tests.flights import flown, seconds, with_imu
@@ -175,6 +185,25 @@ def test_what_has_no_size_of_its_own_is_over_when_enough_was_judged_without_it()
     assert 0.05 < soon[0].probability < 0.95
     assert standing_verdict(soon, GOOD).status == "autopilot_suspect"
     assert standing_verdict(carried_on(soon, after(31.0), GOOD, None), GOOD) == GOOD
+
+
+@pytest.mark.parametrize(("fault", "goes"), [(0.04, 0.0), (0.1, 3.8), (0.5, 15.0), (1.0, 30.0)])
+def test_a_doubt_goes_the_later_the_likelier_it_was(fault: float, goes: float) -> None:
+    """Half a doubt in as long as shows what is there in 95 % of pieces: 15 s."""
+    likely = replace(UNSURE, probability={"nobody": 1.0 - fault, "imu": fault})
+    said: tuple[Verdict, Doubt | None] = beside_doubt(likely, 100.0, None)
+    assert said[0] == likely
+    for end in np.arange(100.5, 140.0):
+        said = beside_doubt(GOOD, float(end), said[1])
+        assert said[0].status == ("consistent" if end > 100.0 + goes else "insufficient_data")
+        assert (said[0] == GOOD) == (said[1] is None)
+
+
+def test_a_doubt_gives_way_to_an_alarm_and_not_to_what_cannot_be_judged() -> None:
+    _, doubt = beside_doubt(replace(UNSURE, probability={"nobody": 0.4, "imu": 0.6}), 100.0, None)
+    assert beside_doubt(UNSURE, 110.0, doubt) == (UNSURE, doubt)
+    suspect = alarm("gyro_bias", "imu", 95.0, None, sensor="gyro")
+    assert beside_doubt(suspect, 110.0, doubt) == (suspect, None)
 
 
 def there(piece: Flight) -> Verdict:
