@@ -162,7 +162,7 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     """Measured against expected at one horizon: label, words."""
     rows = assessment.drift.rows
     i = min(range(len(rows)), key=lambda i: (not rows[i].windows, abs(rows[i].horizon_s - _SHOWN_S)))
-    row, sigma = rows[i], assessment.expected[i]
+    row, sigma = rows[i], assessment.expected_of(i)
     label = f"After {row.horizon_s:g} s"
     if sigma is None:
         return label, "no window could be used"

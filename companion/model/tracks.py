@@ -74,7 +74,9 @@ Track = TypeVar("Track", bound=Sampled)
 
 
 def rows(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
-    """Some samples of a track: of every array that is as long as its times."""
+    """Some samples of a track: of every array that is as long as its times. All of them: the track itself."""
+    if isinstance(chosen, np.ndarray) and chosen.dtype == np.bool_ and len(chosen) == len(track) and chosen.all():
+        return track
     columns = {field.name: getattr(track, field.name) for field in fields(cast(Any, track))}
     arrays = {n: v[chosen] for n, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(track)}
     return cast(Track, replace(cast(Any, track), **arrays))

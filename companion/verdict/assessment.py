@@ -99,7 +99,11 @@ class Assessment:
     @cached_property
     def expected(self) -> tuple[Expected | None, ...]:
         """What is allowed of each row of the drift; None without windows."""
-        return tuple(expected_over(self.comparison, one, self.imu_spec, self.autopilot) for one in self.sets)
+        return tuple(self.expected_of(row) for row in range(len(self.sets)))
+
+    def expected_of(self, row: int) -> Expected | None:
+        """What is allowed of one row of the drift alone: of an hour each takes tenths of a second."""
+        return expected_over(self.comparison, self.sets[row], self.imu_spec, self.autopilot)
 
     @property
     def calibration(self) -> Calibration | None:

@@ -220,16 +220,19 @@ def constant_fault_probability(errors: Sequence[ConstantError]) -> float:
 
 
 def constant_findings(errors: Sequence[ConstantError], begin: float, end: float) -> Iterator[Finding]:
-    """Those that are faults, as errors; those of which it cannot be told, as warnings. begin, end: of the log, s."""
-    for one in errors:
+    """Those that are faults, as errors; those of which it cannot be told, as warnings. begin, end: of the log, s.
+
+    Each with what the other IMUs read: of two that are off the other way round neither is the one in order.
+    """
+    told = [one for one in errors if one.is_unusual or one.probability >= 1.0 - priors.ACCUSED]
+    for one in told:
         sure, i = one.probability, one.axis
-        if not one.is_unusual and sure < 1.0 - priors.ACCUSED:
-            continue
         unit, scale, decimals = BIAS_UNITS[one.sensor]
-        reads = f"{scale * one.value[i]:.{decimals}f} ± {scale * one.sigma[i]:.{decimals}f} {unit}"
         whose, level = f"IMU {one.imu} ({one.source})", " when level" if one.sensor == "accel" else ""
-        much = f"{SENSOR_WORDS[one.sensor]} {'xyz'[i]} of {whose} reads {reads} too much{level}"
-        words = f"{much} since the start of the log"
+        much = f"{SENSOR_WORDS[one.sensor]} {'xyz'[i]} of {whose} reads {_reads(one)} {unit} too much{level}"
+        others = (other for other in told if other.sensor == one.sensor and other is not one)
+        beside = "".join(f", {'xyz'[other.axis]} of IMU {other.imu} {_reads(other)}" for other in others)
+        words = f"{much}{beside} since the start of the log"
         usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = hypothesis_of(f"{one.sensor}_bias")
         evidence = f"{words}; {usual} (probability of a fault {percent(sure)})"
@@ -242,3 +245,9 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
         cause = Cause(kind.name, "imu", begin, None, None, one.sensor, "xyz"[i], size, sigma, kind.unit, sure, sure)
         cause = replace(cause, imu=one.imu)
         yield Finding(kind.name, "imu", "error", begin, end, evidence, advice, words, cause)
+
+
+def _reads(one: ConstantError) -> str:
+    """What it reads too much on its axis, ± 1σ, in the unit of its sensor."""
+    _, scale, decimals = BIAS_UNITS[one.sensor]
+    return f"{scale * one.value[one.axis]:.{decimals}f} ± {scale * one.sigma[one.axis]:.{decimals}f}"

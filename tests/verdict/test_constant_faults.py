@@ -12,6 +12,7 @@ from companion.constants.priors import ACCUSED
 from companion.estimation import BestEstimate, Explained, smooth
 from companion.model import Array, Event, Flight, ImuTrack
 from companion.verdict.constant_faults import (
+    ConstantError,
     constant_errors,
     constant_fault_probability,
     constant_findings,
@@ -86,6 +87,15 @@ def test_of_another_imu_it_is_that_one(
     assert one.cause is not None
     assert (one.cause.imu, one.cause.sensor) == (1, sensor)
     assert one.cause.size == pytest.approx(max(np.abs(value)), rel=0.1)
+
+
+@pytest.mark.parametrize("sure", [0.14, 0.99])
+def test_of_two_imus_that_are_off_the_other_way_round_each_is_named_beside_the_other(sure: float) -> None:
+    value, sigma = np.array([0.35, 0.0, 0.0]), np.full(3, 0.04)
+    errors = [ConstantError(k, f"IMU[{k}]", "accel", sign * value, sigma, sure) for k, sign in enumerate((1.0, -1.0))]
+    told = list(constant_findings([*errors, replace(errors[0], imu=2, value=0.1 * value, probability=0.0)], 0.0, 60.0))
+    assert len(told) == 2
+    assert all("IMU 0" in one.evidence and "IMU 1" in one.evidence and "IMU 2" not in one.evidence for one in told)
 
 
 @pytest.mark.parametrize(("onset", "sigma", "constant"), [(0.5, 0.2, True), (20.0, 15.0, True), (20.0, 1.0, False)])
