@@ -122,10 +122,12 @@ def explain(
             further = adaptation
             break
     moves = not settled.complete and settled.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
+    weighed = len(accepted) - 1  # of the last the rivals are by this very estimate
     if moves and any(one.imu is None for one in accepted) and spent < effort.most_linearisations:
         settled, linear = estimate(setup, settled, accepted)
+        weighed = len(accepted)
     if len(accepted) > 1:
-        rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
+        rivals[:weighed] = [_rivals(setup, linear, accepted, i) or rivals[i] for i in range(weighed)]
     matrix = confusion_matrix(linear) if confusion else None
     best = best_estimate(setup, settled, linear, accepted, rivals)
     return replace(best, further=further, confusion=matrix, linearisations=spent)

@@ -18,7 +18,15 @@ import numpy as np
 
 from companion.comparison import Comparison, InterpolationError, Reference, States, Windows, phases
 from companion.constants import check, harm, healthy, num, priors
-from companion.estimation import BestEstimate, Explained, at_rest, hypothesis_of, in_blocks, times_of_change
+from companion.estimation import (
+    BestEstimate,
+    Explained,
+    at_rest,
+    hypothesis_of,
+    in_blocks,
+    probabilities,
+    times_of_change,
+)
 from companion.model import Array, Flight, IntArray
 from companion.strapdown import Preintegration
 from companion.verdict.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
@@ -143,14 +151,14 @@ def read_wrongly(
 def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, ...]:
     """Of every IMU: the estimate's own, and by what the others read more than it.
 
-    Empty where the estimate does not know its IMU's errors: where the readings contradict each other. What changed in
-    flight is no constant.
+    Empty where the estimate does not know its IMU's errors: where the readings contradict each other. What a fault
+    changed in flight is no constant.
     """
     if best.contradicted:
         return ()
     since_start = [e for e in best.explained if _is_constant(e, best)]
-    later = [(e.imu, hypothesis_of(e.kind)) for e in best.explained if e not in since_start]
-    changed = {(imu, kind.sensor) for imu, kind in later if not kind.nuisance}
+    later = [e for e in best.explained if e not in since_start and probabilities(e.rivals)["nobody"] < priors.ACCUSED]
+    changed = {(e.imu, hypothesis_of(e.kind).sensor) for e in later}
     others = in_blocks(flight, best.imu)
     out: list[ConstantError] = []
     for sensor in ("gyro", "accel"):

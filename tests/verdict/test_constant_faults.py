@@ -9,7 +9,7 @@ import pytest
 
 from companion.constants import healthy
 from companion.constants.priors import ACCUSED
-from companion.estimation import BestEstimate, Explained, smooth
+from companion.estimation import BestEstimate, Explained, Rival, smooth
 from companion.model import Array, Event, Flight, ImuTrack
 from companion.verdict.constant_faults import (
     ConstantError,
@@ -98,19 +98,23 @@ def test_of_two_imus_that_are_off_the_other_way_round_each_is_named_beside_the_o
     assert all("IMU 0" in one.evidence and "IMU 1" in one.evidence and "IMU 2" not in one.evidence for one in told)
 
 
-@pytest.mark.parametrize(("onset", "sigma", "constant"), [(0.5, 0.2, True), (20.0, 15.0, True), (20.0, 1.0, False)])
-def test_a_step_that_may_be_as_old_as_the_log_is_a_constant_error(
-    flight: Flight, best: BestEstimate, onset: float, sigma: float, *, constant: bool
+@pytest.mark.parametrize(
+    ("onset", "sigma", "fault", "reads"),
+    [(0.5, 0.2, 1.0, 0.06), (20.0, 15.0, 1.0, 0.06), (20.0, 1.0, 1.0, None), (20.0, 1.0, 0.01, 0.0)],
+)
+def test_what_a_fault_changes_in_flight_is_no_constant_error(
+    flight: Flight, best: BestEstimate, onset: float, sigma: float, fault: float, reads: float | None
 ) -> None:
-    """What the smoother explains by a step at the start it leaves out of the bias."""
+    """What the smoother explains by a step at the start it leaves out of the bias; what is no fault hides nothing."""
     size, own = np.array([0.0, 0.0, 0.06]), np.full(3, 1e-3)
-    step = Explained("gyro_bias", "step", float(best.t[0]) + onset, sigma, np.inf, size, own)
+    rivals = (Rival("gyro_bias", "step", 20.0, fault),)
+    step = Explained("gyro_bias", "step", float(best.t[0]) + onset, sigma, np.inf, size, own, rivals)
     errors = constant_errors(replace(best, explained=(step,)), flight)
-    (gyro,) = [one for one in errors if one.sensor == "gyro"] if constant else [None]
-    assert {one.sensor for one in errors} == ({"gyro", "accel"} if constant else {"accel"})
-    if gyro is not None:
-        assert gyro.value[2] == pytest.approx(0.06, abs=0.01)
-        assert gyro.probability > ACCUSED
+    gyro = [one for one in errors if one.sensor == "gyro"]
+    assert bool(gyro) == (reads is not None)
+    for one in gyro:
+        assert one.value[2] == pytest.approx(reads, abs=0.01)
+        assert (one.probability > ACCUSED) == (reads == 0.06)
 
 
 def test_a_scale_is_at_fault_beyond_what_parts_do() -> None:
