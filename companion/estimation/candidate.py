@@ -99,7 +99,7 @@ def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Ar
     times = np.array([candidate.onset]), np.array([candidate.end]), float(problem.t[-1])
     over = grows_for(candidate.shape, *times, priors.RAMP_S)  # s in which a likely size is reached
     b, v = np.zeros(1), np.full(1, (candidate.hypothesis.prior / float(over[0])) ** -2.0)
-    if candidate.hypothesis.device == "imu" and candidate.imu is None and problem.others:
+    if candidate.hypothesis.between_imus and candidate.imu is None and problem.others:
         gradient, information = score_of_own(problem.others, candidate.hypothesis, candidate.shape, *times[:2])
         b, v = gradient[0], v + np.diagonal(information[0])
         if candidate.axis >= 0:
@@ -111,7 +111,7 @@ def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Ar
 
 def beside(problem: Problem, candidate: Candidate) -> Problem:
     """The problem whose differences between IMUs leave a candidate free."""
-    if candidate.hypothesis.device != "imu":
+    if not candidate.hypothesis.between_imus:
         return problem
     others = (one.beside(candidate) if candidate.imu in (None, one.instance) else one for one in problem.others)
     return replace(problem, others=tuple(others))

@@ -169,6 +169,7 @@ def _means(values: Array) -> Array:
     """
     apart = np.abs(values - np.median(values, axis=1, keepdims=True))
     usual = apart <= num.DIFF_OUTLIER * np.maximum(np.median(apart, axis=1, keepdims=True), 1e-12)
+    usual |= usual.mean(axis=1, keepdims=True) < 1.0 - num.DIFF_OUTLIERS_SHARE  # so many are a side of a step
     return np.asarray((values * usual).sum(axis=1) / usual.sum(axis=1))
 
 
@@ -195,7 +196,8 @@ def _weight(sensor: str, one: Differences) -> Array:
     own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
     weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
-    anew = (np.diff(t, prepend=t[0]) > num.DIFF_GAP_S) | (np.diff(one.used, prepend=one.used[0]) != 0)
+    gap = max(num.DIFF_GAP_S, num.DIFF_GAP_BLOCKS * one.width)
+    anew = (np.diff(t, prepend=t[0]) > gap) | (np.diff(one.used, prepend=one.used[0]) != 0)
     stretch = np.cumsum(anew)
     for part in np.unique(stretch):
         total = weight[:, :, stretch == part].sum(axis=2)

@@ -135,6 +135,11 @@ class Hypothesis:
         """What of the sensor: "bias", "scale", "shock" of the IMU's."""
         return self.name.partition("_")[2]
 
+    @property
+    def between_imus(self) -> bool:
+        """Whether IMUs of a vehicle differ by it for so long that it shows: of a moment their means have nothing."""
+        return self.device == "imu" and self.error != "shock"
+
     def min_reported_of(self, shape: str) -> float:
         """The smallest size that is reported; of what grows, at its end."""
         return max(self.min_reported, self.min_reported_slow) if shape in SLOPED else self.min_reported

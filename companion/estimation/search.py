@@ -158,7 +158,7 @@ def _scored(
     """With what the other IMUs tell of it too."""
     rougher = problem.rougher.get(hypothesis.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
-    if hypothesis.device == "imu" and problem.others:
+    if hypothesis.between_imus and problem.others:
         gradient, information = score_of_own(problem.others, hypothesis, shape, times[0], times[1])
         b, v = b + gradient, v + information
     return Cells(hypothesis, shape, *times, b, v)

@@ -141,6 +141,41 @@ def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> No
     assert np.trace(v[0]) < 1e-3
 
 
+@pytest.mark.parametrize("onset", [30.6, 31.0, 31.3, 33.3])
+def test_a_step_is_known_to_begin_when_it_does_wherever_in_a_block(onset: float) -> None:
+    track = flown().imu()
+    own = (track.t >= onset)[:, None] * np.array([0.0, 0.0, 0.06])
+    one = max(smooth(beside(sibling(), own=own)).explained, key=lambda e: float(np.linalg.norm(e.size)))
+    assert (one.imu, one.kind) == (None, "gyro_bias")
+    assert one.onset == pytest.approx(onset, abs=0.2 + 2.0 * one.onset_sigma)
+
+
+@pytest.mark.parametrize("other", ["none", "felt it", "missed it too"])
+def test_of_a_moment_another_imu_tells_nothing(other: str) -> None:
+    """A push of 10 m/s in 0.2 s that the IMU misses: in the means of seconds there is nothing of it."""
+    track = flown().imu()
+    missed = ((track.t >= ONSET) & (track.t < ONSET + 0.2))[:, None] * np.array([-50.0, 0.0, 0.0])
+    imu, sister = replace(track, accel=track.accel + missed), sibling(accel=missed if other == "missed it too" else 0.0)
+    imus = {imu.source: imu} | ({sister.source: sister} if other != "none" else {})
+    (one,) = smooth(replace(flown(), imus=imus)).explained
+    assert (one.kind, one.imu) == ("accel_shock", None)
+    assert probabilities(one.rivals)["nobody"] > 0.95
+
+
+@pytest.mark.parametrize("duration", [2400.0, 3600.0])
+def test_another_imu_tells_as_much_of_a_flight_however_long_its_blocks_are(duration: float) -> None:
+    t = np.arange(0.0, duration, 0.2)
+    noise = np.random.default_rng(0).normal(size=(2, 2, len(t), 3))
+    own, other = (
+        ImuTrack(t, 1e-3 * gyro, 0.02 * accel + [0.0, 0.0, -9.8], source=f"IMU[{k}]", instance=k)
+        for k, (gyro, accel) in enumerate(noise)
+    )
+    flight = replace(flown(), start=0.0, duration=duration, imus={own.source: own, other.source: other})
+    (one,) = weighed(in_blocks(flight, own))
+    _, v = one.score(hypothesis_of("gyro_bias"), "step", np.array([0.5 * duration]), np.array([np.inf]))
+    assert float(v[0, 2, 2]) ** -0.5 < 1e-3
+
+
 def test_sensors_without_noise_have_finite_weights() -> None:
     """As simulators have them: two that read the very same, but for a moment."""
     own = flown().imu()
