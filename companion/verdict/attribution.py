@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from companion.comparison import ends_of
-from companion.constants import check, harm, num, priors
+from companion.constants import check, harm, healthy, num, priors
 from companion.estimation import HEIGHTS, BestEstimate, harmful, hypothesis_of, probabilities, times_of_change
 from companion.model import SensorInUse, words
 from companion.verdict.constant_faults import ALL_THE_TIME, lone_fault_probability
@@ -48,8 +48,10 @@ def may_be_fault(interval: FaultInterval) -> bool:
 
 
 def follows(deviation: EstimatorDeviation, interval: FaultInterval, best: BestEstimate) -> bool:
-    """Whether a deviation may be the consequence of an interval."""
+    """Whether a deviation may be the consequence of an interval, and not of what was over long before it."""
     if deviation.start < interval.start - check.NEAR_S - num.SIGMAS * interval.start_sigma:
+        return False
+    if deviation.start > interval.end + healthy.EKF_RECOVERS_S:
         return False
     if interval.kind in HEIGHTS:
         most = check.OVERSHOOT * interval.magnitude + num.SIGMAS * deviation.sigma

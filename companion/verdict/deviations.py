@@ -234,7 +234,8 @@ def _strongest_part(t: Array, evidence: Array, least: float) -> tuple[float, flo
         end = np.searchsorted(t, t + lasts)
         first = np.flatnonzero(end < len(t))
         weakest = np.minimum.reduceat(padded, np.column_stack([first, end[first] + 1]).ravel())[::2]
-        parts.append((float(weakest.max()), lasts))
+        if len(weakest):  # by rounding none may last so long
+            parts.append((float(weakest.max()), lasts))
         lasts *= 2.0
     return max(parts, key=lambda part: part[0] + np.log(part[1]), default=None)
 

@@ -163,7 +163,8 @@ def _begin_together(one: Explained, other: Explained) -> bool:
 
 def _intervals_of(parts: list[Explained], device: str, least: float, best: BestEstimate) -> Iterator[FaultInterval]:
     last = float(best.t[-1])
-    grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
+    ends = [np.nextafter(p.end, p.onset) for p in parts if p.end < last]  # the last moments of what ends
+    grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts], ends]))
     share = np.array([_activation(part, grid) for part in parts])
     level = share.T @ np.array([part.size for part in parts])
     size, sigma = length(level), _sigma(parts, share, level, best)

@@ -75,7 +75,7 @@ def _confirmed(jump: Finding, disagreeing: Sequence[Finding]) -> Finding:
 def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
     """Position, height and velocity against the first receiver, the first two as they were when each flight began."""
     position = flight.position
-    if position is None or len(position) < 2 or not len(flight.gps):
+    if position is None or len(position) < 2 or not flight.gps or not len(flight.gps[0]):
         return
     gps, late = flight.gps[0], CONSTANTS["gps_latency"][1]
     t, place, known = gps.t, _place(gps), known_at(position.t, gps.t, limits.longest_step(position.t))

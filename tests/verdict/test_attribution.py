@@ -14,6 +14,7 @@ from companion.comparison.imu_noise import FlightDensity
 from companion.comparison.imu_spec import ReferenceSpec
 from companion.comparison.reference import Limits, reference_at
 from companion.comparison.windows import compare
+from companion.constants import healthy
 from companion.estimation import CONSTANTS, HYPOTHESES, BestEstimate, Explained, Rival, Size, hypothesis_of
 from companion.estimation.learned_noise import FIRST_NOISE
 from companion.model import Array, EstimatorReset, Flight, Origin, PositionTrack, SensorInUse, geodetic_from_ned
@@ -593,6 +594,12 @@ def test_steps_that_cancel_are_one_fault_interval(best: BestEstimate) -> None:
     assert same.end == pytest.approx(40.0, abs=0.2)
 
 
+@pytest.mark.parametrize("lasts", [0.1, 2.0, 5.0])
+def test_a_fault_interval_ends_when_what_was_explained_does(best: BestEstimate, lasts: float) -> None:
+    (one,) = fault_intervals(replace(best, explained=(step(20.0, 20.0 + lasts, 0.02),)))
+    assert (one.start, one.end) == (20.0, pytest.approx(20.0 + lasts))
+
+
 def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
     """Of two steps at one time each alone may be anything: their sum is what is known."""
     halves = [
@@ -620,11 +627,15 @@ def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> 
     assert one.sigma == pytest.approx(np.sqrt(2e-6))
 
 
-def test_nothing_follows_what_came_later_or_cannot_mislead(best: BestEstimate) -> None:
+def test_nothing_follows_what_came_later_or_was_over_or_cannot_mislead(best: BestEstimate) -> None:
     early = off_by("heading", 10.0, 20.0, 0.5, 0.05)
 
-    def interval(kind: str, side: str, start: float) -> FaultInterval:
-        return FaultInterval(kind, side, start, 0.1, np.inf, np.ones(3), 0.1, ())
+    def interval(kind: str, side: str, start: float, end: float = np.inf) -> FaultInterval:
+        return FaultInterval(kind, side, start, 0.1, end, np.ones(3), 0.1, ())
+
+    late = off_by("heading", 10.0 + healthy.EKF_RECOVERS_S, 60.0, 0.5, 0.05)
+    assert follows(late, interval("gyro_bias", "imu", 5.0, 11.0), best), "an estimator takes so long to recover"
+    assert not follows(late, interval("gyro_bias", "imu", 5.0, 9.0), best)
 
     assert follows(early, interval("gyro_bias", "imu", 9.0), best)
     assert not follows(early, interval("gyro_bias", "imu", 30.0), best)

@@ -18,7 +18,8 @@ from companion.comparison.phases import between, phases
 from companion.comparison.phases import flown as flights_of
 from companion.model import ActuatorTrack, Array, Event, Flight, Phase, PhaseKind, StatusText, without
 from companion.strapdown import Motion, motions, quaternion
-from companion.verdict import Assessment, assess
+from companion.verdict import Assessment, Finding, assess
+from companion.verdict.findings.detect import when_lost
 from tests.flights import flown, lively, moved_north, seconds, with_imu
 
 pytestmark = pytest.mark.slow
@@ -134,6 +135,8 @@ def test_evidence_in_the_last_second_of_a_log_is_worth_nothing() -> None:
     found = judged(late)
     assert not kinds(found, "error")
     assert not [f for f in found.verdict.findings if f.severity == "warning" and f.start_s > end - 1.0]
+    doubt = Finding("gyro_shock", "data", "warning", end - 0.5, end, "perhaps", "", undecided=True)
+    assert not [f for f in when_lost((doubt,), fallen(), fallen().imu(), phases(fallen()), GENERIC) if f.undecided]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 import companion as c
 from companion.comparison import Limits
-from companion.model import EstimatorReset, Flight, StatusText
+from companion.model import EstimatorReset, Flight, StatusText, rows
 from companion.strapdown import quaternion
 from companion.verdict import Verdict, verdict_without_imu
 from tests.flights import CIRCLE, flown, moved_north
@@ -92,6 +92,15 @@ def test_a_lost_position_and_resets_are_lines() -> None:
 )
 def test_whatever_is_left_is_judged(without: dict[str, Any]) -> None:
     assert verdict(replace(flown(CIRCLE), **without)).status == "insufficient_data"
+
+
+def test_a_gps_of_which_nothing_is_left_speaks_against_nobody() -> None:
+    """Every fix contradicts the one before; or there is none."""
+    flight = flown(CIRCLE)
+    gps = flight.gps[0]
+    leaping = moved_north(gps, np.where(np.arange(len(gps)) % 2, 60.0, -60.0))
+    assert "gps_inconsistent" in kinds(replace(flight, gps=(leaping,)))
+    assert verdict(replace(flight, gps=(rows(gps, slice(0)),))).status == "insufficient_data"
 
 
 def test_where_nothing_is_left_there_is_no_verdict() -> None:

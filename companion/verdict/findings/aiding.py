@@ -76,7 +76,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
     faults += [_finding(one, *ends_of(one.t)) for one in left_out if any(_frozen(one, aloft, flight, imu))]
     tracks: dict[str, Any] = {"compasses": tuple(map(without, flight.compasses))}
     tracks["barometers"] = tuple(filter(len, map(without, flight.barometers)))
-    tracks["gps"] = tuple(map(without, flight.gps))
+    tracks["gps"] = tuple(filter(len, map(without, flight.gps)))
     return (replace(flight, **tracks) if faults else flight), faults
 
 

@@ -231,7 +231,10 @@ def when_lost(
         f for f in all_findings
         if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in uncontrolled)
     ]  # fmt: skip
-    kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
+    kept = [
+        replace(f, severity="info", cause=None, undecided=False) if f.start_s > end - check.WORTHLESS_S else f
+        for f in kept
+    ]
     out: list[Finding] = []
     for part in lost:
         tumbling: list[Finding] = []
