@@ -152,6 +152,9 @@ class RunningVerdict:
                 verdict: LiveVerdict = pickle.load(self._process.stdout)
                 known = {who: one for who, one in self._verdicts.items() if who and self._several}
                 self._verdicts = {**known, verdict.vehicle: verdict} if verdict.vehicle or not known else known
+        if not self._closing.is_set():
+            why = "the process that judges has ended: nothing is judged any more until companion is started again"
+            self._verdicts = {w: replace(v, status="", text=why, expected=()) for w, v in self._verdicts.items()}
 
 
 def _send(stream: IO[bytes], one: object) -> None:

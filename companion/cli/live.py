@@ -210,24 +210,46 @@ def print_line(text: str) -> None:
     _write(sys.stdout, f"{text}\n")
 
 
+_LEFT: dict[int, bytes] = {}
+"""File → the rest of a line, of which its reader has taken a part so far."""
+
+
 def _write(stream: TextIO | None, text: str) -> None:
-    if stream is None or not _takes(stream):
+    """Write a line, or nothing of it where it would have to wait: a pipe that nobody reads fills up."""
+    if stream is None:
         return
     try:
-        stream.write(text)
-        stream.flush()
+        if (number := _number(stream)) is None:
+            stream.write(text)
+            stream.flush()
+        elif _takes(number):
+            stream.flush()
+            rest, line = _left(number, _LEFT.pop(number, b"")), text.encode(stream.encoding, stream.errors or "strict")
+            if not rest and (after := _left(number, line)) != line:
+                rest = after
+            _LEFT[number] = rest
     except (OSError, ValueError):  # its reader has gone, the terminal is closed
         options.write_no_more(stream)
 
 
-def _takes(stream: TextIO) -> bool:
-    """Whether a line can be written without waiting: a pipe that nobody reads fills up, Ctrl-S holds a terminal."""
-    if os.name != "posix":
-        return True
+def _number(stream: TextIO) -> int | None:
+    """Of the file behind it; None where there is none, or where none can be asked whether it takes anything."""
     try:
-        return bool(select.select([], [stream.fileno()], [], 0)[1])
-    except (OSError, ValueError):  # no file behind it
-        return True
+        return stream.fileno() if os.name == "posix" else None
+    except (OSError, ValueError):
+        return None
+
+
+def _takes(number: int) -> bool:
+    """Whether a file takes select.PIPE_BUF bytes at once; not a pipe that is full, nor a terminal after Ctrl-S."""
+    return bool(select.select([], [number], [], 0)[1])
+
+
+def _left(number: int, line: bytes) -> bytes:
+    """Write what a file takes at once. Returns the rest."""
+    while line and _takes(number):
+        line = line[os.write(number, line[: select.PIPE_BUF]) :]
+    return line
 
 
 def conclude(session: Session, *, restored: bool) -> int:

@@ -13,7 +13,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -95,6 +96,7 @@ def run_watch(arguments: argparse.Namespace) -> int:
         while not over():
             session.step()
             session.beside(lines.show)
+        last = lines.last  # before the end makes it old, and the closed link silent
         verdict.close()  # what it still judges would only hold up the end
         restored = session.leave()
         live.say_all(session.reported)
@@ -102,7 +104,6 @@ def run_watch(arguments: argparse.Namespace) -> int:
         return live.nothing_received()
     if not restored or (session.recorder is not None and session.recorder.problem):
         return 2
-    last = lines.last
     statuses = [one.so_far[0] for one in last]
     if arguments.fail_on == "insufficient":  # an old verdict is none
         statuses += [one.now[0] for one in last if one.is_stale]
@@ -231,6 +232,7 @@ def _line(session: Session, live_verdict: LiveVerdict) -> dict[str, Any]:
 _ENDINGS = (".tlog", ".bin", ".log", ".ulg", ".px4log", ".gz", ".xz", ".bz2", ".zst", ".zip")
 _SETTLED_S = 3.0  # a telemetry log grows several times a second, a download too
 _LOOK_MS = 500
+_CLOCK_S = 0.1  # by which the times of files may be behind
 
 LogLine = dict[str, Any]
 
@@ -259,7 +261,7 @@ def watch_folder_options(parser: options.Parser) -> None:
 def run_watch_folder(arguments: argparse.Namespace) -> int:
     """Watch until Ctrl-C or SIGTERM."""
     try:
-        from watchfiles import Change, watch  # noqa: PLC0415  (an extra)
+        import watchfiles  # noqa: PLC0415  (an extra)
     except ImportError:
         raise missing("watch", "companion watch-folder needs the watchfiles library") from None
     settings, folder = options.settings_of(arguments), Path(arguments.folder)
@@ -272,19 +274,37 @@ def run_watch_folder(arguments: argparse.Namespace) -> int:
     growing = dict.fromkeys(there, (-1, 0.0))
     live.say(f"Watching {folder}  (Ctrl-C ends it)")
     stop = threading.Event()
-    changed = watch(
-        folder, step=100, stop_event=stop, rust_timeout=_LOOK_MS, yield_on_timeout=True, raise_interrupt=False
+    wake = partial(
+        watchfiles.watch, step=100, stop_event=stop, rust_timeout=_LOOK_MS, yield_on_timeout=True, raise_interrupt=False
     )
     with live.until_signal(outlive_terminal=False) as ended:
-        for changes in changed:
+        for came in _came(folder, wake):
             if ended():
                 stop.set()
-            came = (Path(name) for change, name in changes if change != Change.deleted)
             growing |= {path: growing.get(path, (-1, 0.0)) for path in came if path.suffix.lower() in _ENDINGS}
             for path in settled(growing, arguments.settle, time.monotonic()):
                 for line in verdicts(path, folder, settings):
                     _tell_of_log(line, command, as_json=arguments.json)
     return 0
+
+
+def _came(folder: Path, wake: Callable[[Path], Iterable[Iterable[tuple[object, str]]]]) -> Iterator[list[Path]]:
+    """What has come or grown, again and again; nothing where nothing has.
+
+    wake: of watchfiles, which ends at a name that is not UTF-8: then the folder is looked through.
+    """
+    since = time.time()
+    while True:
+        try:
+            for changes in wake(folder):
+                yield [Path(name) for _, name in changes]
+                since = time.time()
+        except RuntimeError:
+            time.sleep(1e-3 * _LOOK_MS)
+            every = (path for path in folder.rglob("*") if path.is_file())
+            yield [path for path in every if path.stat().st_ctime > since - _CLOCK_S]
+        else:
+            return
 
 
 def settled(growing: dict[Path, tuple[int, float]], settle_s: float, now: float) -> list[Path]:
@@ -318,6 +338,8 @@ def verdicts(path: Path, folder: Path, settings: Settings) -> Iterator[LogLine]:
             yield {**head, "duration_s": round(flight.duration, 1), **_verdict_on(flight, settings)}
     except (CompanionError, OSError) as error:
         yield {"log": name, "error": str(error)}
+    except Exception as error:  # noqa: BLE001  (one bad log is a line, whatever it breaks)
+        yield {"log": name, "error": f"{type(error).__name__}: {error}"}
 
 
 def _verdict_on(flight: Flight, settings: Settings) -> LogLine:
@@ -340,6 +362,6 @@ def _tell_of_log(line: LogLine, command: Command, *, as_json: bool) -> None:
         tables.console().lines(f"{status}  {head}: {summary}")
     if command:
         try:
-            subprocess.run(command, input=text, text=True, check=False)
+            subprocess.run(command, input=text.encode("utf-8", "replace"), check=False)
         except OSError as error:
             live.say(f"--run {command if isinstance(command, str) else command[0]} cannot be run: {error.strerror}")

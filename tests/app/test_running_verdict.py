@@ -100,4 +100,5 @@ def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdic
     verdict._process.wait()
     vehicle = SimulatedVehicle(fly(20.0), streams=STREAMS)
     send(verdict, vehicle, 15.0, Decoder(load_dialect(), stamped=False))
+    wait_for(lambda: "has ended" in verdict.read().text, "that it has")
     assert verdict.read().status == ""

@@ -248,6 +248,28 @@ def test_a_reader_that_reads_nothing_makes_it_wait_for_nothing(monkeypatch: pyte
     os.close(reading)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipe there can be asked")
+def test_a_line_of_which_a_reader_takes_a_part_is_ended_before_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of many alarms is longer than what a pipe with little room takes at once."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writing, b"x" * 4096):
+            pass
+    os.set_blocking(writing, True)
+    os.read(reading, 4096)
+    with os.fdopen(writing, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        live.print_line("a" * 10_000)
+        live.print_line("lost, for its reader stands")
+        read = os.read(reading, 1 << 20)
+        live.print_line("b")
+        monkeypatch.undo()
+    read += os.read(reading, 1 << 20)
+    assert read.lstrip(b"x") == b"a" * 10_000 + b"\nb\n"
+    os.close(reading)
+
+
 def test_a_page_that_fails_leaves_the_recording_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

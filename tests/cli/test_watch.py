@@ -10,6 +10,7 @@ import shlex
 import shutil
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,13 @@ from companion.app.settings import Settings
 from companion.cli import main, watch
 from companion.cli.watch import settled, verdicts
 from companion.links.requests import ALLOWED_MESSAGES
+from companion.verdict import LiveVerdict
+from tests.links.link import link_frames
+from tests.links.peers import listener
 from tests.processes import COMPANION, ended, next_line, started
 from tests.simulated import flying, free_port
 from tests.tlogs import resting
-from tests.waiting import wait_for
+from tests.waiting import meanwhile, wait_for
 
 
 def lines(text: str) -> list[dict[str, Any]]:
@@ -61,6 +65,40 @@ def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Pa
     assert len(flight.imu()) > 500
     assert flight.gps
     assert flight.barometers
+
+
+def test_what_counts_at_the_end_is_what_was_said_while_the_link_was_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A TCP port that is closed is silent."""
+
+    class Says:
+        vehicles = ("1:1",)
+
+        def __init__(self, *_: object) -> None:
+            self.said = LiveVerdict("consistent", "so it is", 1.0, "1:1", age_s=0.5, was_consistent=True)
+
+        def read(self, _: str, *, silent: bool) -> LiveVerdict:
+            return replace(self.said, silent=silent)
+
+        def __enter__(self) -> Says:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def receive(self, _: object) -> None: ...
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(watch, "RunningVerdict", Says)
+    with listener() as server:
+
+        def send() -> None:
+            with server.accept()[0] as peer:
+                peer.sendall(b"".join(link_frames(50)))
+                peer.recv(1)  # until it is closed
+
+        words = ["watch", f"tcp:127.0.0.1:{server.getsockname()[1]}", "--no-record", "--listen-only"]
+        with meanwhile(send):
+            assert main([*words, "--duration", "0.5", "--fail-on", "insufficient"]) == 0
 
 
 @pytest.mark.slow
@@ -175,16 +213,17 @@ def test_each_log_that_comes_is_judged_and_a_command_hears_of_it(tmp_path: Path)
     (folder / "QUADROTOR").mkdir(parents=True)
     log = resting(tmp_path / "rest.tlog")
     shutil.copy(log, folder / "old.tlog")
+    other = "neu\udce4.tlog" if sys.platform == "linux" else "new.tlog"  # of a computer with another encoding
     script = tmp_path / "hear.py"
     script.write_text(f"import sys; open({str(heard)!r}, 'a').write(sys.stdin.read() + chr(10))")
     options = ["--json", "--existing", "--settle", "0.2", "--run", f"{sys.executable} {script}"]
     with started(*COMPANION, "watch-folder", str(folder), *options) as process:
         first = json.loads(next_line(process, process.stdout))
-        shutil.copy(log, folder / "QUADROTOR" / "new.tlog")
+        shutil.copy(log, folder / "QUADROTOR" / other)
         second = json.loads(next_line(process, process.stdout))
         ended(process, signal.SIGINT)
     assert process.returncode == 0
-    assert [first["log"], second["log"]] == ["old.tlog", str(Path("QUADROTOR", "new.tlog"))]
+    assert [first["log"], second["log"]] == ["old.tlog", str(Path("QUADROTOR", other.replace("\udce4", "?")))]
     assert {first["status"], second["status"]} == {"insufficient_data"}
     assert [json.loads(line) for line in heard.read_text().splitlines()] == [first, second]
 

@@ -276,6 +276,18 @@ def test_a_gps_that_is_lost_is_an_alarm_until_it_is_received_again() -> None:
     assert standing_verdict(carried_on(standing, whole, GOOD, None), GOOD) == GOOD
 
 
+def test_a_gps_that_comes_for_a_moment_and_is_lost_again_is_an_alarm_again() -> None:
+    """The second outage begins before the end of the piece that showed the fix."""
+    end = PIECE.start + PIECE.duration
+    lost = replace(alarm("dead_reckoned", "autopilot", end - 8.0, end - 2.0), status="consistent")
+    lost = replace(lost, findings=tuple(replace(one, severity="warning") for one in lost.findings))
+    over = StandingFault(lost.findings[0], 0.0, end - 2.0, over_s=end)
+    again = replace(lost.findings[0], start_s=end - 1.0, end_s=end + 6.0)
+    said = replace(lost, findings=(*lost.findings, replace(again, cause=None)))
+    standing = carried_on([over], after(6.0), said, None)
+    assert standing_verdict(standing, said).status == "autopilot_suspect"
+
+
 def test_a_stuck_axis_is_over_when_it_moves_again() -> None:
     imu = PIECE.imu()
     stuck = alarm("stuck_axis", "imu", imu.t[0] + 4.0, imu.t[-1], sensor="gyro", axis="x", imu=imu.instance)

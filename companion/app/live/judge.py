@@ -91,6 +91,9 @@ class Judge:
             return self.last
         changed = "" if before is None or flight.vehicle == before.vehicle else f"{before.vehicle} is silent. "
         self._judged = flight
+        if changed:  # nothing of the other vehicle's is this one's
+            self._since, self._aloft_s, self._tells = math.inf, -math.inf, False
+            self.last = last = replace(last, status="", expected=(), cause=None)
         seen = self._status_of(flight)
         status, text = seen.status, seen.text
         if changed and str(flight.vehicle) != last.vehicle:
@@ -106,12 +109,10 @@ class Judge:
 
     def is_urgent(self) -> bool:
         """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
-        flight = self._gone_on() or self._flight(_LOOK_S)
-        if flight is None:
-            return False
         try:
-            return newest_stands_out(compare(flight, imu=self._imu_of(flight)))
-        except DataError:
+            flight = self._gone_on() or self._flight(_LOOK_S)
+            return flight is not None and newest_stands_out(compare(flight, imu=self._imu_of(flight)))
+        except Exception:  # noqa: BLE001  (a look is a hint: a defect of it must not end the verdicts)
             return False
 
     def _gone_on(self) -> Flight | None:
@@ -135,7 +136,7 @@ class Judge:
 
     def _flight(self, seconds: float) -> Flight | None:
         usable = [flight for flight in self._stream.recent(seconds) if flight.default_imu is not None]
-        newest = {flight.vehicle.sysid: flight for flight in usable}  # the last boot of each
+        newest = {str(flight.vehicle): flight for flight in usable}  # the last boot of each
         chosen = [
             f for f in newest.values() if self.vehicle is None or self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))
         ]
@@ -287,6 +288,7 @@ class Pace:
 
 
 _MOST_JUDGED = 8  # vehicles: each costs the processor as much as one alone
+_MOST_RECORDS = 64  # of vehicles that are silent, for when they come back
 
 
 class Judges:
@@ -305,6 +307,7 @@ class Judges:
         self._all = vehicle == "all"
         self._stream = stream
         self._newest = 0.0
+        self._records: dict[str, LiveVerdict] = {}  # what was said last of vehicles that are silent, the newest last
         self._paces = [self._pace(None if self._all else vehicle)]
 
     def receive(self, data: bytes, received: float) -> None:
@@ -317,6 +320,7 @@ class Judges:
     def choose(self, judging: Callable[[], Judging], imu: str | None) -> None:
         """Judge otherwise, or another IMU, from now on: every record begins anew."""
         self._judging, self._imu = judging, imu
+        self._records.clear()
         for pace in self._paces:
             pace.judge.verdict_on, pace.judge.imu = judging(), imu
             pace.judge.forget()
@@ -344,8 +348,15 @@ class Judges:
             return
         judge.vehicle = judge.last.vehicle or judge.vehicle
         kept = self._newest - _MOST_S  # nothing is known of a vehicle any more that was silent for so long
-        self._paces = [one for one in self._paces if one.judge is judge or not 0.0 < one.judge.last.newest < kept]
+        gone = [one for one in self._paces if one.judge is not judge and 0.0 < one.judge.last.newest < kept]
+        self._paces = [one for one in self._paces if one not in gone]
+        for last in (one.judge.last for one in gone):
+            self._records[last.vehicle] = replace(last, status="", text="judging anew", newest=0.0, expected=())
+        for oldest in tuple(self._records)[:-_MOST_RECORDS]:
+            del self._records[oldest]
         known = {pace.judge.vehicle for pace in self._paces}
         for vehicle in judge.others:
             if vehicle not in known and len(self._paces) < _MOST_JUDGED:
-                self._paces.append(self._pace(vehicle))
+                pace = self._pace(vehicle)
+                pace.judge.last = self._records.pop(vehicle, pace.judge.last)
+                self._paces.append(pace)

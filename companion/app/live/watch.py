@@ -152,7 +152,7 @@ class LiveReplay:
 
     def _choose(self) -> Flight | None:
         recent = self._stream.recent(self._span)
-        newest = {f.vehicle.sysid: f for f in recent}  # the last boot of each
+        newest = {str(f.vehicle): f for f in recent}  # the last boot of each
         usable = [f for f in newest.values() if f.default_imu is not None]
         self.vehicles = tuple(str(f.vehicle) for f in usable)
         if self.vehicle is not None:

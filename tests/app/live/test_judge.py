@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.app.live import HORIZON_S, Judge, Judges, new_stream
+from companion.app.live import HORIZON_S, Judge, Judges, Judging, new_stream
 from companion.comparison import Comparison
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
@@ -219,6 +219,53 @@ def test_every_vehicle_of_a_link_is_judged_by_itself() -> None:
     assert len(made) == 2
     assert {str(flight.vehicle) for flight in made[0].flights} == {"1:1"}
     assert {str(flight.vehicle) for flight in made[1].flights} == {"2:1"}
+
+
+def test_of_two_components_that_send_an_imu_the_one_that_is_asked_for_is_judged() -> None:
+    camera = {"RAW_IMU": 10.0}
+    flying = [*bursts(SimulatedVehicle(fly(10.0), streams=STREAMS), 8.0)]
+    flying += bursts(SimulatedVehicle(fly(10.0), streams=camera, compid=100), 8.0)
+    judges = [Judge(Said(*[GOOD] * 2), new_stream(DEFAULT_DIALECT), vehicle=name) for name in ("1", "1:1", "1:100")]
+    for t, packets in sorted(flying, key=lambda one: one[0]):
+        for judge in judges:
+            judge.receive(packets, EPOCH + t)
+    assert [judge.judge().vehicle for judge in judges] == ["1:1", "1:1", "1:100"]
+
+
+def test_an_alarm_of_one_vehicle_is_none_of_the_next() -> None:
+    judge, due = Judge(Said(*[BAD] * 40), new_stream(DEFAULT_DIALECT)), 8.0
+    for t, packets in two_vehicles({1: 20.0, 2: 119.0}):
+        judge.receive(packets, EPOCH + t)
+        if t >= due:
+            due += 8.0
+            last = judge.judge()
+    first, second = last.alarms
+    assert (last.vehicle, first.text) == ("2:1", "gyro z")
+    assert first.last < EPOCH + 24.5 < second.first
+
+
+def test_a_vehicle_that_comes_back_keeps_its_record() -> None:
+    first, said, due = BAD, dict[str, LiveVerdict](), 8.0
+
+    def judging() -> Judging:
+        return lambda flight, _: (first if flight.vehicle.sysid == 1 else GOOD, BAND)
+
+    judges = Judges(judging, new_stream(DEFAULT_DIALECT), vehicle="all")
+    for t, packets in two_vehicles({1: 12.0, 2: 115.0}):
+        judges.receive(packets, EPOCH + t)
+        if t >= due:
+            due += 8.0
+            while (one := judges.step(t)) is not None:
+                said[one.vehicle] = one
+    assert (said["1:1"].status, said["2:1"].status) == ("imu_suspect", "consistent")
+    first = GOOD
+    for t, packets in bursts(SimulatedVehicle(fly(10.0), streams=STREAMS), 8.0):
+        judges.receive(packets, EPOCH + 116.0 + t)
+    for now in (200.0, 210.0, 220.0):
+        while (one := judges.step(now)) is not None:
+            said[one.vehicle] = one
+    assert said["1:1"].status == "consistent"
+    assert said["1:1"].so_far[0] == "imu_suspect"
 
 
 def test_a_vehicle_whose_imu_is_silent_is_said_to_be_no_newer() -> None:
