@@ -210,6 +210,7 @@ def print_line(text: str) -> None:
     _write(sys.stdout, f"{text}\n")
 
 
+_AT_ONCE: int = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes whole; Windows has none that is asked
 _LEFT: dict[int, bytes] = {}
 """File → the rest of a line, of which its reader has taken a part so far."""
 
@@ -241,14 +242,14 @@ def _number(stream: TextIO) -> int | None:
 
 
 def _takes(number: int) -> bool:
-    """Whether a file takes select.PIPE_BUF bytes at once; not a pipe that is full, nor a terminal after Ctrl-S."""
+    """Whether a file takes so many bytes at once; not a pipe that is full, nor a terminal after Ctrl-S."""
     return bool(select.select([], [number], [], 0)[1])
 
 
 def _left(number: int, line: bytes) -> bytes:
     """Write what a file takes at once. Returns the rest."""
     while line and _takes(number):
-        line = line[os.write(number, line[: select.PIPE_BUF]) :]
+        line = line[os.write(number, line[:_AT_ONCE]) :]
     return line
 
 
