@@ -18,7 +18,7 @@ from companion.verdict import LiveVerdict
 
 _HAND_OVER_S = 0.25
 _RATE_S = 5.0  # over which the rate of the IMU is counted
-_LANE = re.compile(r"EKF\d (?:IMU\d )?lane switch (\d)|EKF primary changed: ?(\d)", re.ASCII)
+_LANE = re.compile(r"EKF\d (?:IMU\d )?lane switch (\d)|EKF\d? primary changed: ?(\d)", re.ASCII)
 _COLOURS = {"consistent": "green", "imu_suspect": "red", "autopilot_suspect": "red", "lost": "red"}  # of the text
 
 

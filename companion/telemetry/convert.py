@@ -54,6 +54,7 @@ SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
 
 
 _NO_CELL = 65535  # BATTERY_STATUS.voltages
+_UNITS_ARDUPILOT = {"raw_press": "Pa"}  # AIRSPEED: get_differential_pressure() as it is (`send_airspeed`)
 
 
 def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: bool) -> Mapping[str, Series]:
@@ -61,29 +62,32 @@ def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: 
 
     What is left out is added to the notes.
     """
+    rows = (replace(row, fields=VIBRATION_PX4) if px4 and row.kind == "vibration" else row for row in MESSAGE_SOURCES)
+    units = {} if px4 else _UNITS_ARDUPILOT
     return series_of(
-        one
-        for row in MESSAGE_SOURCES
-        if row.name in messages
-        for one in _of_messages(
-            replace(row, fields=VIBRATION_PX4) if px4 and row.kind == "vibration" else row, messages[row.name], notes
-        )
+        one for row in rows if row.name in messages for one in _of_messages(row, messages[row.name], units, notes)
     )
 
 
-def _of_messages(row: Source, messages: Messages, notes: list[str]) -> Iterator[RawSeries | None]:
+def _of_messages(
+    row: Source, messages: Messages, units: Mapping[str, str], notes: list[str]
+) -> Iterator[RawSeries | None]:
     """Of each sensor that the message tells apart."""
     if not row.by or not len(messages):
-        yield _raw_series(row, messages, None, notes)
+        yield _raw_series(row, messages, None, units, notes)
         return
     ids = np.column_stack([messages[name] for name in row.by])
     sensors = np.unique(ids, axis=0)
     for number, own in enumerate(sensors):
         several = number if len(sensors) > 1 else None
-        yield _raw_series(row, messages.select(np.asarray((ids == own).all(axis=1))), several, notes)
+        yield _raw_series(row, messages.select(np.asarray((ids == own).all(axis=1))), several, units, notes)
 
 
-def _raw_series(row: Source, messages: Messages, number: int | None, notes: list[str]) -> RawSeries | None:
+def _raw_series(
+    row: Source, messages: Messages, number: int | None, units: Mapping[str, str], notes: list[str]
+) -> RawSeries | None:
+    """units: of fields that are sent in others than the dialect states."""
+
     def column(field: str) -> Raw | None:
         name, _, place = field.partition("[")
         if name not in messages.layout.fields:
@@ -94,7 +98,8 @@ def _raw_series(row: Source, messages: Messages, number: int | None, notes: list
 
     name = messages.name if number is None else f"{messages.name}[{number}]"
     instance = row.instance + (number or 0)
-    return raw_series(row, name, messages.t, column, messages.layout.units, instance=instance, notes=notes)
+    units = {**messages.layout.units, **units}
+    return raw_series(row, name, messages.t, column, units, instance=instance, notes=notes)
 
 
 def imu(
@@ -126,7 +131,7 @@ def imu(
             good &= mine
             notes.append(f"{name} speaks of IMUs {np.unique(ids).tolist()}: only IMU {instance} is used")
     # 16 bits of mrad/s and mG hold nothing that a part cannot read
-    ranges = None if gyro_step else known_ranges(vehicle, parameters, IMU_MESSAGES[name].instance)
+    ranges = None if gyro_step else known_ranges(vehicle, parameters, instance)
     track = replace(
         samples.imu_track(name, messages.t, gyro, accel, good, notes, ranges),
         gyro_step=gyro_step,
@@ -155,6 +160,21 @@ def trim(parameters: Mapping[str, float]) -> tuple[float, float] | None:
     return (roll, pitch) if np.isfinite([roll, pitch]).all() and (roll or pitch) else None
 
 
+Trims = tuple[tuple[float, tuple[float, float] | None], ...]
+"""From when on (s), and roll and pitch of AHRS_TRIM, rad, from then on; None for none. The first from -inf."""
+
+
+def trims(parameters: Mapping[str, float], changes: Iterable[ParameterChange] = ()) -> Trims:
+    """parameters: at the beginning. A trim that is set in flight holds from then on."""
+    known = dict(parameters)
+    several = [(-np.inf, trim(known))]
+    for change in changes if not known.keys().isdisjoint(_TRIM) else ():  # they are not looked for in vain
+        if change.name in _TRIM:
+            known[change.name] = change.value
+            several.append((change.t, trim(known)))
+    return tuple(several)
+
+
 def turns(parameters: Mapping[str, float], notes: list[str], changes: Iterable[ParameterChange] = ()) -> Turns:
     """The rotations of an IMU into the frame that ATTITUDE speaks of, noted; parameters: at the beginning.
 
@@ -162,16 +182,11 @@ def turns(parameters: Mapping[str, float], notes: list[str], changes: Iterable[P
     turned by R = from_euler(AHRS_TRIM_X, AHRS_TRIM_Y, 0). With a trim of 0.05/-0.06 rad: 39 m after 10 s without it,
     1.2 m with it. A trim that is set in flight holds from then on.
     """
-    known = dict(parameters)
-    trims = [(-np.inf, trim(known))]
-    for change in changes if not known.keys().isdisjoint(_TRIM) else ():  # they are not looked for in vain
-        if change.name in _TRIM:
-            known[change.name] = change.value
-            trims.append((change.t, trim(known)))
-    for t, (roll, pitch) in ((t, one) for t, one in trims if one is not None):
+    several = trims(parameters, changes)
+    for t, (roll, pitch) in ((t, one) for t, one in several if one is not None):
         since = f" from {t:.1f} s on" if t > -np.inf else ""
         notes.append(f"AHRS_TRIM ({roll:+.4f}, {pitch:+.4f}) rad applied to the IMUs{since}")
-    return tuple((t, None if one is None else euler_matrix(*one, 0.0)) for t, one in trims)
+    return tuple((t, None if one is None else euler_matrix(*one, 0.0)) for t, one in several)
 
 
 def euler_matrix(roll: float, pitch: float, yaw: float) -> Array:

@@ -24,7 +24,7 @@ from companion.telemetry.samples import BoolArray, majority
 
 _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
     (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),
-    (re.compile(r"EKF primary changed: ?(?P<core>\d)", re.ASCII), "lane"),
+    (re.compile(r"EKF\d? primary changed: ?(?P<core>\d)", re.ASCII), "lane"),
     (re.compile(r"EKF\d IMU(?P<core>\d) .*(?:yaw|heading).*(?:reset|align)", re.ASCII | re.IGNORECASE), "heading"),
     (re.compile(r"EKF\d IMU(?P<core>\d) forced reset", re.ASCII), "attitude"),
     (
@@ -186,6 +186,8 @@ _ERR = {
     29: "vibration failsafe", 30: "internal error", 31: "dead reckoning failsafe",
 }  # fmt: skip
 
+_NEVER_RESOLVED = (10, 24)  # their code is the mode that was refused, and the core that flies from then on
+
 
 def heartbeat_events(beats: Messages, vehicle: Vehicle, dialect: Dialect) -> tuple[Event, ...]:
     """Changes of arming and mode between the vehicle's heartbeats.
@@ -252,7 +254,8 @@ def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: 
     subsystems, codes = (numbers(records, "ERR", column) for column in ("Subsys", "ECode"))
     for (t, subsystem), (_, code) in zip(subsystems, codes, strict=False):
         what = _ERR.get(subsystem, f"subsystem {subsystem}")
-        events.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
+        bad = code or subsystem in _NEVER_RESOLVED
+        events.append(Event(t, "error" if bad else "event", f"{what}: error {code}" if bad else f"{what}: resolved"))
     return in_order(events)
 
 

@@ -35,7 +35,7 @@ from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_im
 from companion.telemetry.clock import Clock, boot_seconds, device_time, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, TRUTH_MESSAGES, actuator_track, control_track, message_truth
 from companion.telemetry.convert import SENSOR_MESSAGES, message_lanes, message_sensors
-from companion.telemetry.parameters import NOT_EKF, declination, of_instance, setting_names, values_of
+from companion.telemetry.parameters import NOT_EKF, at_boot, declination, of_instance, setting_names, values_of
 from companion.telemetry.sources import Lazy, LazyTuple
 from companion.telemetry.split import STATE_MESSAGES, Boot, NonVehicle, Sender, boots, describe, senders
 
@@ -59,7 +59,7 @@ def arrivals(messages: Mapping[str, Messages], timed: Mapping[str, Messages]) ->
 
 
 def _stamped(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> MessageStats:
-    return arrival(log_time, _echoes(log_time, crc, seq))
+    return arrival(log_time, len(_echoes(log_time, crc, seq)))
 
 
 def arrival(times: Array, duplicates: int) -> MessageStats:
@@ -84,13 +84,19 @@ def _copies(messages: Messages, own: Array) -> int:
     return int((rows[order[again]] == rows[order[again + 1]]).sum())
 
 
-def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> int:
-    """How many frames without a device time are one that was received just before: the same CRC, which covers `seq`."""
+def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
+    """Which frames without a device time are one that was received just before: the same CRC, which covers `seq`."""
     frame = crc.astype(np.uint32) << 8 | seq
     order = np.argsort(frame, kind="stable")  # in file order among equals
     same = np.flatnonzero(np.diff(frame[order]) == 0)
     apart = log_time[order[same + 1]] - log_time[order[same]]
-    return int((apart < _ECHO_S).sum())
+    return np.asarray(order[same[apart < _ECHO_S] + 1])
+
+
+def _once(messages: Messages) -> Messages:
+    """Without those that were received just before."""
+    echoes = _echoes(messages.log_time, messages.crc, messages.seq)
+    return messages.select(np.isin(np.arange(len(messages)), echoes, invert=True)) if len(echoes) else messages
 
 
 _TIMED = SENSOR_MESSAGES | STATE_MESSAGES | {
@@ -98,8 +104,10 @@ _TIMED = SENSOR_MESSAGES | STATE_MESSAGES | {
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
 
+_RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 _ELSEWHEN_S = 5.0  # a stamp that is further off than this from those of its neighbours is no time since boot
 _GROUND_STATION = 190  # MAV_COMP_ID_MISSIONPLANNER
+_FIX_2D = 2  # GPS_FIX_TYPE
 
 NEEDED = _TIMED | {"AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "SYSTEM_TIME"}
 """Messages whose fields a flight is made of."""
@@ -221,7 +229,7 @@ def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: D
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
     parameters, at_first, changes = _parameters(boot, known, notes)
-    texts = events.status_texts(messages["STATUSTEXT"]) if "STATUSTEXT" in messages else ()
+    texts = events.status_texts(_once(messages["STATUSTEXT"])) if "STATUSTEXT" in messages else ()
     resets = events.text_resets(texts)
     if "ODOMETRY" in messages:
         resets += events.odometry_resets(messages["ODOMETRY"])
@@ -241,7 +249,7 @@ def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: D
         parameters=parameters,
         texts=texts,
         messages=stats,
-        imu_in_use=events.imu_in_use(resets, parameters, first) if ardupilot else None,
+        imu_in_use=events.imu_in_use(resets, at_boot(parameters, at_first), first) if ardupilot else None,
         resets=tuple(sorted(resets, key=lambda reset: reset.t)),
         parameter_changes=changes,
     )
@@ -250,8 +258,13 @@ def _begin(boot: Boot, known: Mapping[str, float], before: list[str], dialect: D
 
 
 def _timed(messages: Messages, clock: Clock, notes: list[str]) -> Messages:
-    """The messages with their boot times; of one that counts from elsewhere those of its neighbours."""
+    """The messages with their boot times; of one that counts from elsewhere those of its neighbours.
+
+    ArduPilot stamps what a receiver says without a fix with the time of its last one (GPS_RAW_INT: last_fix_time_ms).
+    """
     t, shift = boot_seconds(messages, clock)
+    if messages.name in _RECEIVERS and len(clock.t):
+        t = np.where(messages["fix_type"] < _FIX_2D, clock.at(messages.offset), t)
     if messages.name in IMU_MESSAGES:
         if shift:
             notes.append(f"{messages.name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
@@ -333,5 +346,5 @@ def _origin(messages: Sender) -> Origin | None:
 
 def _events(boot: Boot, dialect: Dialect) -> tuple[Event, ...]:
     beats, states = boot.messages.get("HEARTBEAT"), boot.messages.get("EXTENDED_SYS_STATE")
-    changes = () if beats is None else events.heartbeat_events(beats, boot.vehicle, dialect)
+    changes = () if beats is None else events.heartbeat_events(_once(beats), boot.vehicle, dialect)
     return events.in_order(changes + (() if states is None else events.landed_events(states)))

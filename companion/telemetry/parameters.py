@@ -166,6 +166,14 @@ def values_of(names: Sequence[bytes | str], values: Array, *, first: bool = Fals
     return dict(reversed(named) if first else named)
 
 
+_AT_BOOT = ("EK2_IMU_MASK", "EK3_IMU_MASK")  # read where the EKF begins: another value is of the next boot
+
+
+def at_boot(parameters: Mapping[str, float], at_first: Mapping[str, float]) -> dict[str, float]:
+    """The parameters as they work: of those that are read at boot alone the first value, of others the last."""
+    return {**parameters, **{name: at_first[name] for name in _AT_BOOT if name in at_first}}
+
+
 def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -> int:
     """The first that there is of these, a MAVLink id."""
     return int(next((parameters[name] for name in names if name in parameters), otherwise))

@@ -76,6 +76,8 @@ _UNKNOWN: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "gps": {"satellites": (255.0,), "speed_mps": (655.35,), "hdop": (655.35,), "course_rad": (math.radians(655.35),)},
     # SYS_STATUS, BATTERY_STATUS, and PX4's battery_status
     "battery": {"voltage_v": (0.0, 65.535), "current_a": (-0.01, -1.0)},
+    # AIRSPEED
+    "airspeed": {"temperature_degc": (327.67,)},
 }
 """Kind → column → what stands in it for "not known"."""
 

@@ -39,6 +39,7 @@ from companion.telemetry.dataflash.sensors import IMU_NUMBERS, NEEDED, imu_track
 from companion.telemetry.events import dataflash_events, parameter_changes
 from companion.telemetry.flights import arrival
 from companion.telemetry.parameters import (
+    at_boot,
     banner,
     declination,
     identity,
@@ -77,10 +78,10 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
     return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
 
 
-def control(ekf: cores.Ekf, *, in_imu_frame: bool) -> ControlTrack | None:
+def control(ekf: cores.Ekf, trims: convert.Trims) -> ControlTrack | None:
     """The desired attitude of ATT, in the frame of the attitude track.
 
-    in_imu_frame: that is the IMU's; ATT speaks of the vehicle's, which AHRS_TRIM turns.
+    trims: from the vehicle's frame, of which ATT speaks, into that of its IMU, where that is the track's; else none.
     """
     one = ekf.records.get("ATT")
     if one is None or not one.layout.has_numbers(*_DESIRED):
@@ -88,7 +89,7 @@ def control(ekf: cores.Ekf, *, in_imu_frame: bool) -> ControlTrack | None:
     angles = np.radians(one.columns(*_DESIRED))
     if not angles.any():
         return None
-    return control_of("ATT", one.t, in_frame(from_euler(*angles.T), ekf.parameters, of_imu=in_imu_frame))
+    return control_of("ATT", one.t, in_frame(one.t, from_euler(*angles.T), trims))
 
 
 def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
@@ -162,10 +163,10 @@ def dataflash_flight(
     records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
     names, _, values = _parameters(records)
     parameters = values_of(names, values)
-    ekf = cores.flew(records, parameters)
+    ekf = cores.flew(records, at_boot(parameters, values_of(names, values, first=True)))
     notes: list[str] = []
     core = cores.reference_core(ekf, core, notes)
-    flight = _without_tracks(ekf, times, dialect)
+    flight = _without_tracks(ekf, parameters, times, dialect)
     del times
     return _with_tracks(flight, records, ekf, core, [*notes, *damaged, *wrong])
 
@@ -179,8 +180,10 @@ def why_no_flight(messages: Mapping[str, Records]) -> str:
     return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"
 
 
-def _without_tracks(ekf: cores.Ekf, times: Mapping[str, Array], dialect: Dialect) -> Flight:
-    records, parameters = ekf.records, ekf.parameters
+def _without_tracks(
+    ekf: cores.Ekf, parameters: Mapping[str, float], times: Mapping[str, Array], dialect: Dialect
+) -> Flight:
+    records = ekf.records
     texts = _texts(records)
     vehicle = _vehicle(records, parameters, texts)
     begin, end = (float(edge) for edge in (min(t[0] for t in times.values()), max(t[-1] for t in times.values())))
@@ -216,9 +219,11 @@ def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, co
     biases = cores.bias_tracks(ekf)
     sampled = pose.attitude(ekf, core)
     in_imu_frame, turns = sampled is not None and sampled[2] != "ATT", convert.UNTURNED
+    names, _, values = _parameters(records)
+    at_first = values_of(names, values, first=True)
     if sampled is not None and not in_imu_frame:
-        names, _, values = _parameters(records)
-        turns = convert.turns(values_of(names, values, first=True), notes, flight.parameter_changes)
+        turns = convert.turns(at_first, notes, flight.parameter_changes)
+    trims = convert.trims(at_first, flight.parameter_changes) if in_imu_frame else ()
     imus = {name: convert.turned(track, turns) for name, track in imus.items()}
     biases = tuple(convert.turned(one, turns) for one in biases)
     own = next((bias for bias in biases if bias.core == core), None)
@@ -231,8 +236,8 @@ def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, co
         series=series,
         **aiding_tracks(series, notes, turns),
         biases=biases,
-        control=control(ekf, in_imu_frame=in_imu_frame),
-        lanes=pose.lanes(ekf, in_imu_frame=in_imu_frame),
+        control=control(ekf, trims),
+        lanes=pose.lanes(ekf, trims, in_imu_frame=in_imu_frame),
     )
 
 

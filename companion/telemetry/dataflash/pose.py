@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from companion.model import (
 )
 from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
-from companion.telemetry.convert import trim
+from companion.telemetry.convert import Trims
 from companion.telemetry.dataflash.cores import Ekf
 from companion.telemetry.parameters import NOT_EKF
 from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
@@ -170,26 +171,30 @@ def epoch(records: Mapping[str, Records]) -> Epoch | None:
     return epoch_of(gps_to_unix(week, seconds), gps.t[fixed], "GPS")
 
 
-def in_frame(q: Array, parameters: Mapping[str, float], *, of_imu: bool) -> Array:
-    """Attitudes (N, 4) of the vehicle as those of its IMU, where these are wanted: AHRS_TRIM turns them."""
-    if not of_imu or (level := trim(parameters)) is None:
-        return q
-    w, x, y, z = from_euler(*level, 0.0)  # the Hamilton product with this one from the right
-    return np.asarray(q @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]))
+def in_frame(t: Array, q: Array, trims: Trims) -> Array:
+    """Attitudes (N, 4) of the vehicle at times t (N,) s as those of its IMU: AHRS_TRIM turns them."""
+    out = q.copy()
+    for (begin, level), (end, _) in pairwise((*trims, (np.inf, None))):
+        if level is not None:
+            now = (t >= begin) & (t < end)
+            w, x, y, z = from_euler(*level, 0.0)  # the Hamilton product with this one from the right
+            out[now] = q[now] @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    return out
 
 
 _STATES = ("PN", "PE", "PD", "VN", "VE", "VD")
 _LONGEST_WAIT_S = 0.05  # XKQ and XKF1 of a core are written one after the other
 
 
-def lanes(ekf: Ekf, *, in_imu_frame: bool) -> tuple[EstimatorLane, ...]:
+def lanes(ekf: Ekf, trims: Trims, *, in_imu_frame: bool) -> tuple[EstimatorLane, ...]:
     """The cores of the EKF that flew in order of their numbers, then DCM; in the frame of the attitude track.
 
-    in_imu_frame: that is the IMU's, in which XKQ is; else AHRS_TRIM turns it, as in XKF1's own angles.
+    in_imu_frame: that is the IMU's, in which XKQ is; else AHRS_TRIM turns it, as in XKF1's own angles. trims: from the
+    one into the other, none where nothing is to be turned.
     """
     made = [*_cores(ekf, in_imu_frame=in_imu_frame)]
     if (one := ekf.records.get("AHR2")) is not None and not _by_dcm(ekf) and one.layout.has_numbers(*_EULER):
-        _, t, q = attitudes(one.t, in_frame(angles(one), ekf.parameters, of_imu=in_imu_frame))
+        _, t, q = attitudes(one.t, in_frame(one.t, angles(one), trims))
         unknown = np.full((len(t), 3), np.nan)
         made.append(EstimatorLane(t, q, unknown, unknown, "DCM", None, "AHR2"))
     return tuple(lane for lane in made if len(lane) > 1)

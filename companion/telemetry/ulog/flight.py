@@ -33,7 +33,7 @@ from companion.telemetry.parameters import UNKNOWN, identity, possible, px4_vehi
 from companion.telemetry.samples import bias_track, commonest, finite_rows, in_use
 from companion.telemetry.sources import DRIVER_SOURCES, TOPIC_SOURCES, Lazy, series_of
 from companion.telemetry.ulog import pose
-from companion.telemetry.ulog.imu import imu_tracks
+from companion.telemetry.ulog.imu import calibrations, imu_tracks
 from companion.telemetry.ulog.topics import (
     NEEDED,
     SELECTED_KINDS,
@@ -243,7 +243,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     become tracks.
     """
     topics, times, notes = topics_of(log, read)
-    parameters, changed = _parameters(log, notes)
+    parameters, at_first, changed = _parameters(log, notes)
     notes += _damage(log)
     begin, end = _span(times.values(), log.begun * 1e-6)
     code = log.infos.get("ver_sw_release")
@@ -253,7 +253,7 @@ def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, st
     let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
     zero, by_device = pose.origin(topics), _imu_instances(topics)
     used = _imu_in_use(topics, by_device)
-    imus = imu_tracks(topics, used, parameters, notes)
+    imus = imu_tracks(topics, used, calibrations(at_first, changed), parameters, notes)
     let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
     let_go(topics, "vehicle_acceleration")
     resets = _estimator_resets(topics)
@@ -303,8 +303,11 @@ def _vehicle(
     return px4_vehicle(parameters, vehicle_types.get(kind, UNKNOWN), firmware)
 
 
-def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
-    """The last value of each, and the changes while the log ran. What is left out is added to the notes."""
+def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], dict[str, float], tuple[ParameterChange, ...]]:
+    """The last value of each, those at the beginning, and the changes while the log ran.
+
+    What is left out is added to the notes.
+    """
     set_values = [(-np.inf, name, value) for name, value in log.parameters.items()]
     set_values += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
     numbers = [(t, words(name), float(value)) for t, name, value in set_values if isinstance(value, int | float)]
@@ -313,7 +316,8 @@ def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[Pa
     values = possible([name for _, name, _ in numbers], np.array([value for *_, value in numbers]), notes).tolist()
     known = [(t, name, value) for (t, name, _), value in zip(numbers, values, strict=True) if np.isfinite(value)]
     changed = tuple(ParameterChange(t, name, value) for t, name, value in known if t > -np.inf)
-    return {name: value for _, name, value in known}, changed
+    at_first = {name: value for t, name, value in known if t == -np.inf}
+    return {name: value for _, name, value in known}, at_first, changed
 
 
 def _damage(log: Ulog) -> Iterator[str]:

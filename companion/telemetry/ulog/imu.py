@@ -15,12 +15,13 @@ samples a second. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from companion.model import ORIENTATIONS, Array, ImuTrack, SensorInUse, interpolated
+from companion.model import ORIENTATIONS, Array, ImuTrack, ParameterChange, SensorInUse, interpolated
 from companion.telemetry.clock import LONGEST_WAIT_S
 from companion.telemetry.convert import euler_matrix
 from companion.telemetry.parameters import part_ranges
@@ -29,7 +30,11 @@ from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, ins
 
 
 def imu_tracks(
-    topics: Topics, used: SensorInUse | None, parameters: Mapping[str, float], notes: list[str]
+    topics: Topics,
+    used: SensorInUse | None,
+    settings: Calibrations,
+    parameters: Mapping[str, float],
+    notes: list[str],
 ) -> dict[str, ImuTrack]:
     """Every instance of vehicle_imu, sensor_combined and what the drivers logged at higher rates, by topic."""
     tracks = [*_integrated(topics, notes)]
@@ -49,7 +54,7 @@ def imu_tracks(
                 f"{100 * shares[instance]:.0f} % of it"
             )
         tracks.append(replace(combined, instance=instance, switches=used if several else None))
-    tracks += driver_tracks(topics, tracks, parameters, notes)
+    tracks += driver_tracks(topics, tracks, settings, notes)
     if not any(len(track) > 1 for track in tracks):
         tracks += _filtered(topics, parameters, notes)
     notes += [f"{track.source} left out: it has no readings, or zeros only" for track in tracks if not len(track)]
@@ -94,6 +99,26 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
         yield replace(track, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
 
+Calibrations = tuple[tuple[float, Mapping[str, float]], ...]
+"""From when on (s), and the parameters from then on. In order of time, the first from -inf."""
+
+
+_CALIBRATING = ("CAL_", "SENS_BOARD_")
+
+
+def calibrations(at_first: Mapping[str, float], changes: Iterable[ParameterChange]) -> Calibrations:
+    """What turns and calibrates the drivers' readings: PX4 learns it anew after a landing, in the same log."""
+    known = {name: value for name, value in at_first.items() if name.startswith(_CALIBRATING)}
+    several = [(-np.inf, dict(known))]
+    for change in changes:
+        if change.name.startswith(_CALIBRATING) and known.get(change.name) != change.value:
+            known[change.name] = change.value
+            if several[-1][0] == change.t:
+                several.pop()
+            several.append((change.t, dict(known)))
+    return tuple(several)
+
+
 _FIFO_MOST = 32  # samples in a message
 _FULL_SCALE = 32768.0  # of the FIFO's 16 bits
 _CALIBRATIONS = 4  # CAL_GYRO0_* to CAL_GYRO3_*
@@ -113,13 +138,13 @@ class _Readings:
 
 
 def driver_tracks(
-    topics: Topics, known: Sequence[ImuTrack], parameters: Mapping[str, float], notes: list[str]
+    topics: Topics, known: Sequence[ImuTrack], settings: Calibrations, notes: list[str]
 ) -> list[ImuTrack]:
     """A track of each IMU that has more samples than any of those known has of it, at the gyro's times."""
     tracks: list[ImuTrack] = []
     for of in ("sensor_gyro_fifo", "sensor_gyro"):
-        gyros = list(_sensors(topics, of, "GYRO", parameters))
-        accels = list(_sensors(topics, of.replace("gyro", "accel"), "ACC", parameters))
+        gyros = list(_sensors(topics, of, "GYRO", settings))
+        accels = list(_sensors(topics, of.replace("gyro", "accel"), "ACC", settings))
         for number, gyro in enumerate(gyros):
             instance = next((one.instance for one in known if one.device_id == gyro.device_id), number)
             more = max((len(one) for one in [*known, *tracks] if one.instance == instance), default=0)
@@ -148,14 +173,19 @@ def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | N
     return replace(track, device_id=gyro.device_id or None) if len(track) > 1 else None
 
 
-def _sensors(topics: Topics, of: str, kind: str, parameters: Mapping[str, float]) -> Iterator[_Readings]:
+def _sensors(topics: Topics, of: str, kind: str, settings: Calibrations) -> Iterator[_Readings]:
     for _, name, topic in instances(topics, of):
         devices = topic.ids("device_id")
         device = int(devices[-1]) if len(devices) else 0
         t, values, interval, most = _fifo(topic) if of.endswith("fifo") else _driver(topic)
         keep = increasing(t, np.isfinite(t) & finite_rows(values))
         own = None if interval is None else interval[keep]
-        yield _Readings(name, t[keep], _calibrated(values[keep], kind, device, parameters), own, device, most)
+        t, values = t[keep], values[keep]
+        for (begin, parameters), (end, _) in pairwise((*settings, (np.inf, {}))):
+            now = (t >= begin) & (t < end)
+            if now.any():
+                values[now] = _calibrated(values[now], kind, device, parameters)
+        yield _Readings(name, t, values, own, device, most)
 
 
 def _driver(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
