@@ -355,10 +355,14 @@ def left_out(excluded: Mapping[str, int]) -> str:
 
 
 def _usable(comparison: Comparison, horizon: float, start: IntArray, end: IntArray, has_position: bool) -> Windows:
-    """Those of the windows that have no gap, no unknown end and no jump in them; excluded: how many have which."""
+    """Those of the windows that have no gap, no unknown end and no jump in them; excluded: how many have which.
+
+    One that would begin or end within a gap begins or ends beside it, and has another length.
+    """
     track, reference = comparison.track, comparison.reference
     running = np.concatenate([[0], np.cumsum(comparison.gaps)])
-    reasons = {"imu_gap": running[end] > running[start]}
+    off = np.abs(track.t[end] - track.t[start] - horizon)
+    reasons = {"imu_gap": (running[end] > running[start]) | (off > comparison.how.limits.longest_step(track.t))}
     for name, known, steps in (
         ("attitude", reference.attitude_known, comparison.attitude_steps),
         ("position", reference.position_known, comparison.position_steps),

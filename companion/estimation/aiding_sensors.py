@@ -130,8 +130,9 @@ def _hardly_turned(track: ImuTrack, t: Array) -> Array:
 
 def _plausible(field: Array) -> bool:
     """Whether most readings have the size of a field on Earth (22 to 67 µT, with room for iron)."""
-    size = np.linalg.norm(field[np.isfinite(field).all(axis=1)], axis=1)
-    return bool(len(size) > 10 and 10e-6 < np.median(size) < 150e-6 and np.ptp(field, axis=0).max() > 0)
+    read = field[np.isfinite(field).all(axis=1)]
+    size = np.linalg.norm(read, axis=1)
+    return bool(len(size) > 10 and 10e-6 < np.median(size) < 150e-6 and np.ptp(read, axis=0).max() > 0)
 
 
 def _predict_field(one: Readings, at: Kinematics) -> Prediction:

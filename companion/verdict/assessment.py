@@ -288,10 +288,11 @@ def _best(
     try:
         best = again(flight, before=before)
     except NoEstimateError as why:
-        if not uncontrolled:
+        calm = between(uncontrolled, comparison.track.t) if uncontrolled else ()
+        if not calm:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
-            again = partial(again, span=max(between(uncontrolled, comparison.track.t), key=lambda one: one[1] - one[0]))
+            again = partial(again, span=max(calm, key=lambda one: one[1] - one[0]))
             best = again(flight)
         except NoEstimateError:
             return why, []

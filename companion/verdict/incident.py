@@ -300,7 +300,8 @@ def _evidence(
         announced = next((text for text in texts if pattern.search(text)), "")
         if flight.texts:
             seen[name] = bool(announced), f"the vehicle reported “{announced}”" if announced else "no report of it"
-    took_off = [part.start for part in in_the_air(flight) if part.start <= t]
+    recovered = {part.end for part in phases(flight) if part.kind == "impact"}  # in the air, without a take-off
+    took_off = [part.start for part in in_the_air(flight) if part.start <= t and part.start not in recovered]
     young = bool(took_off) and t - took_off[-1] < check.TAKING_OFF_S
     seen["taking_off"] = young, f"{t - took_off[-1]:.1f} s after it took off" if young else "well after take-off"
     aloft = any(part.end > t - check.LOST_BEFORE_S for part in in_the_air(flight))

@@ -17,10 +17,10 @@ from typing import Literal
 
 import numpy as np
 
-from companion.comparison import Span, attitude_error, flight_of, judged_at, judged_parts, length, phases
+from companion.comparison import Span, attitude_error, flight_of, judged_at, judged_parts, known_at, length, phases
 from companion.constants import check, healthy, num, priors
 from companion.estimation import ATTITUDE, HEIGHTS, POSITION, VELOCITY, BestEstimate, Correlation
-from companion.model import Array, BoolArray, EstimatorLane, Flight, IntArray, SensorInUse, nearest
+from companion.model import Array, BoolArray, EstimatorLane, Flight, IntArray, SensorInUse, longest_step, nearest
 from companion.noise import chi_square
 from companion.verdict.deviations import COMPONENTS, at_first, keyframe_at_first
 from companion.verdict.fault_interval import DEVIATION_UNITS
@@ -168,13 +168,16 @@ def judge_lanes(flight: Flight, best: BestEstimate, findings: Sequence[Finding] 
 
 
 def _as_flown(flight: Flight, numbered: Sequence[EstimatorLane]) -> EstimatorLane | None:
-    """What flew, where the lanes beside it are not in the log: the attitude with the velocity and position there."""
+    """What flew, where the lanes beside it are not in the log: the attitude with the velocity and position there.
+
+    In a gap of the positions they are not known.
+    """
     if numbered or flight.attitude is None:
         return None
     attitude, position = flight.attitude, flight.position
     moved = np.full((len(attitude), 6), np.nan)
     if position is not None and len(position) > 1:
-        inside = (attitude.t >= position.t[0]) & (attitude.t <= position.t[-1])
+        inside = known_at(position.t, attitude.t, longest_step(position.t))
         values = np.column_stack([position.velocity, position.position])
         moved[inside] = np.column_stack([np.interp(attitude.t[inside], position.t, one) for one in values.T])
     return EstimatorLane(attitude.t, attitude.q_ned_frd, moved[:, :3], moved[:, 3:], FLOWN, None, attitude.source)

@@ -184,8 +184,8 @@ _UNITS = {"gyro": "rad/s", "accel": "m/s²"}
 def _sigma(t: Array, readings: Array, step: float) -> Array:
     """(3,) 1σ of a mean of readings (N, 3): of block means, which noise that lasts does not make smaller, and steps."""
     block = ((t - t[0]) / num.AVERAGED_S).astype(np.intp)
-    means = block_means(block, readings)
-    scatter = means[np.bincount(block) > 0].std(axis=0) / math.sqrt(max(len(means) - 1, 1))
+    means = block_means(block, readings)[np.bincount(block) > 0]
+    scatter = means.std(axis=0) / math.sqrt(max(len(means) - 1, 1))
     return np.asarray(np.hypot(scatter, 0.5 * step))
 
 
@@ -295,7 +295,8 @@ def _gyro(flight: Flight, track: ImuTrack, own: Measured, spec: ImuSpec) -> Iter
         power = power_at_rest(readings, step, rate, num.REST_READ_MIN_SAMPLES)
         if power is not None and track.rate_hz >= num.NOISE_RATE_HZ:
             noise, limit = math.sqrt(power), healthy.NOISE_OVER_DATA_SHEET * getattr(spec, sensor).noise_density
-            known_to = noise / math.sqrt(2.0 * len(readings))
+            clusters = max((own.t[-1] - own.t[0]) / check.REST_CLUSTER_S, 1.0)
+            known_to = noise * math.sqrt(0.75 / clusters)  # neighbouring differences have a cluster in common
             yield _judged(flight, f"{sensor}_noise", source, noise, known_to, limit, f"{_UNITS[sensor]}/√Hz")
 
 
@@ -345,7 +346,8 @@ def _angle(a: Array, b: Array) -> float:
 def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> Iterator[Check]:
     """Each compass: strength, inclination and heading against the world model, and each against the others."""
     iron = healthy.USUAL_IRON / num.MICROTESLA
-    fields = [(one, *_mean(one, standing)) for one in flight.compasses if standing.covers(one.t).sum() >= 2]
+    read = ((one, one.field[standing.covers(one.t) & np.isfinite(one.field).all(axis=1)]) for one in flight.compasses)
+    fields = [(one, *_mean(field, standing)) for one, field in read if len(field) > 1]
     earth = field_at(flight.origin, flight.epoch)
     calibrated = [(one, field, sigma) for one, field, sigma in fields if one.calibrated]
     headings = [] if earth is None else [*_headings(flight, standing, calibrated, earth.ned)]
@@ -373,9 +375,8 @@ def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> 
         yield _judged(flight, "compass_difference", pair, angle, known_to, limit, "rad")
 
 
-def _mean(one: CompassTrack, standing: Standing) -> tuple[Array, float]:
-    """Mean field (3,) and the 1σ of it, T: of readings that follow one another, noise may last for seconds."""
-    field = one.field[standing.covers(one.t)]
+def _mean(field: Array, standing: Standing) -> tuple[Array, float]:
+    """Mean of fields (N, 3) and the 1σ of it, T: of readings that follow one another, noise may last for seconds."""
     return field.mean(axis=0), float(length(field.std(axis=0)) / np.sqrt(max(standing.end - standing.start, 1.0)))
 
 
@@ -425,10 +426,12 @@ def gps_checks(flight: Flight, standing: Standing) -> Iterator[Check]:
         newest = np.flatnonzero(inside)[-max(1, int(inside.sum()) // 4) :]
         if not len(newest):
             continue
-        fix, satellites = float(np.median(one.fix_type[newest])), float(np.nanmedian(one.satellites[newest]))
+        fix = float(np.median(one.fix_type[newest]))
         yield _judged(flight, "gps_fix", one.source, check.FIX_3D - fix, 0.1, 0.5, "", f"fix type {fix:.0f}")
-        lacking, note = harm.GPS_SATELLITES - satellites, f"{satellites:.0f} satellites, {harm.GPS_SATELLITES} needed"
-        yield _judged(flight, "gps_satellites", one.source, lacking, 0.1, 0.5, "", note)
+        if np.isfinite(one.satellites[newest]).any():
+            seen = float(np.nanmedian(one.satellites[newest]))
+            lacking, note = harm.GPS_SATELLITES - seen, f"{seen:.0f} satellites, {harm.GPS_SATELLITES} needed"
+            yield _judged(flight, "gps_satellites", one.source, lacking, 0.1, 0.5, "", note)
         for name, limit in harm.GPS_POOR.items():
             values = getattr(one, name)[newest]
             if np.isfinite(values).any():

@@ -73,7 +73,7 @@ def decide(
     probability = _with_readings(shares, whole.cause)
     flights = []
     for (start, end), own in by_flight.items():
-        during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
+        during = tuple(f for f in whole.findings if f.start_s <= end and f.end_s > start)
         one = _decided(own, during, best, source, {})
         flights.append(FlightVerdict(start, end, one.status, one.summary, one.cause))
     return replace(whole, probability=probability, flights=tuple(flights))

@@ -85,6 +85,15 @@ def test_windows_over_a_gap_are_left_out_and_counted() -> None:
     assert bridged.attitude_deg.max > 1.0, "the test's gap would not have mattered"
 
 
+def test_no_window_is_shorter_than_its_horizon_beside_a_gap() -> None:
+    """An edge of the grid that falls into the gap is moved to the end of it."""
+    t = seconds(60, 100)
+    imu_t = np.delete(t, slice(1020, 1520))
+    flight = with_imu(flight_of(motions.circle(t)), motions.circle(imu_t).imu)
+    for row in drift(flight, horizons=(1, 2)).rows:
+        assert row.errors.end_s - row.errors.anchor_s == pytest.approx(row.horizon_s, abs=0.02)
+
+
 def test_windows_over_jumps_are_left_out_and_counted() -> None:
     motion = motions.circle(seconds(60, 50))
     q, position = motion.q_ned_frd.copy(), motion.position.copy()

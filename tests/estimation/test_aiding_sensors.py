@@ -70,3 +70,17 @@ def test_only_a_rangefinder_that_looks_down_is_read_and_only_within_its_range() 
     assert 5 < len(read_of(flight, short)) < len(read_of(flight, down))
     assert (np.abs(read_of(flight, short) - middle) < 0.2).all(), "at an end it is saturated"
     assert len(read_of(flight, short, down)) == len(read_of(flight, down)), "the one with the most readings"
+
+
+def test_a_reading_that_a_compass_lacks_is_left_out_and_the_others_are_read() -> None:
+    flight, _ = sensed(20.0)
+    (compass,) = flight.compasses
+    field = compass.field.copy()
+    field[7] = np.nan
+    t, row, notes = flight.imu().t[::40], SENSORS["compass"], list[str]()
+    assert row.read is not None
+    lacking = replace(flight, compasses=(replace(compass, field=field),))
+    readings = row.read(row, Intake(lacking, flight.imu(), t, 0.4, None, None, notes))
+    assert not notes
+    assert readings is not None
+    assert np.isfinite(readings.value).all()

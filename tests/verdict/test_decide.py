@@ -163,6 +163,16 @@ def test_no_side_is_accused_that_has_less_than_95_percent_of_all_shares(imu: flo
         assert verdict.summary.startswith("Cannot tell the autopilot's estimate from the IMU (73 % / 27 %): tilt_off")
 
 
+def test_no_flight_of_a_log_accuses_a_side_that_the_log_does_not() -> None:
+    off = off_by("tilt", 50.0, 60.0, 0.3, 0.02)
+    finding = replace(cause("tilt_off", "autopilot", 50.0, None, ""), cause=off.cause)
+    sensors = {"imu": 0.27, "gps": 0.0, "compass": 0.0, "barometer": 0.0, "nobody": 0.73}
+    judged = agreements(5, {"attitude": 0.9})
+    flights = {(0.0, 100.0): judged, (100.0, 200.0): judged}
+    verdict = decide(judged, (finding,), None, "RAW_IMU", sensors, flights)
+    assert [one.status for one in verdict.flights] == ["insufficient_data", "consistent"]
+
+
 def test_where_either_may_be_wrong_both_have_their_share() -> None:
     off = off_by("tilt", 50.0, 60.0, 0.2, 0.02)
     sure, imu = off.or_imu

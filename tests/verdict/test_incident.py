@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.comparison import GENERIC
+from companion.comparison import GENERIC, phases
 from companion.constants import priors
 from companion.model import (
     ActuatorTrack,
@@ -20,9 +20,9 @@ from companion.model import (
     StatusText,
 )
 from companion.present import incident_markdown
-from companion.strapdown import quaternion
+from companion.strapdown import motions, quaternion
 from companion.verdict import Finding, Incident, Verdict, assess, incident
-from tests.flights import flown
+from tests.flights import flight_of, flown, seconds
 from tests.verdict.test_loss_of_control import BEGIN, fallen
 
 MOTORS = 4
@@ -151,3 +151,18 @@ def test_the_page_tells_no_place_and_lets_no_text_be_markup() -> None:
 def test_the_table_of_causes_is_one_of_probabilities() -> None:
     assert sum(row["prior"] for row in priors.INCIDENT.values()) == pytest.approx(1.0)
     assert all(0.0 < share < 1.0 for row in priors.INCIDENT.values() for share in row.values())
+
+
+def test_what_was_caught_in_the_air_has_not_taken_off() -> None:
+    """It turns over again two seconds after it is judged again."""
+    t = seconds(80.0, 50.0)
+    flight = flight_of(motions.circle(t, radius=25.0, speed=6.0, bank=0.15), events=(Event(11.0, "armed", ""),))
+    attitude = flight.require_attitude()
+    over = ((t > 30.0) & (t < 34.0)) | ((t > 46.0) & (t < 60.0))
+    turned = quaternion.multiply(attitude.q_ned_frd, quaternion.from_euler(np.pi, 0.0, 0.0)[None])
+    q = np.where(over[:, None], turned, attitude.q_ned_frd)
+    flight = replace(flight, attitude=replace(attitude, q_ned_frd=q))
+    *_, again = (part for part in phases(flight) if part.kind == "impact")
+    reasons = [one for cause in told(flight, again.start).causes for one in cause.evidence]
+    assert again.start > 45.0
+    assert not any("took off" in one for one in reasons)

@@ -11,7 +11,7 @@ import pytest
 
 from companion.constants import healthy
 from companion.estimation import BestEstimate
-from companion.model import Array, EstimatorLane, EstimatorReset, Flight, SensorInUse, interpolated
+from companion.model import Array, EstimatorLane, EstimatorReset, Flight, PositionTrack, SensorInUse, interpolated
 from companion.strapdown import quaternion
 from companion.verdict import Cause, Finding, Lanes, judge_lanes
 from companion.verdict.lanes import compare_lanes, healthy_bound, nearer_probability
@@ -221,3 +221,14 @@ def test_without_lanes_what_flew_is_shown_alone(flight: Flight, best: BestEstima
     assert [one.name for one in made.lanes] == ["as flown"]
     assert made.notes
     assert not made.switches
+
+
+def test_what_flew_is_not_known_in_a_gap_of_its_positions(flight: Flight, best: BestEstimate) -> None:
+    def errors(seen: npt.NDArray[np.bool_]) -> dict[str, float]:
+        track = PositionTrack(TRUTH.t[seen], TRUTH.position[seen], TRUTH.velocity[seen], "LOCAL_POSITION_NED")
+        (one,) = judge_lanes(replace(flight, position=track), best).spans[0].lanes
+        return {error.quantity: error.worst for error in one.errors}
+
+    holed, whole = (errors((TRUTH.t < 20.0) | (TRUTH.t > end)) for end in (40.0, 20.0))
+    assert holed["position"] < 1.5 * whole["position"]
+    assert holed["velocity"] < 1.5 * whole["velocity"]

@@ -43,6 +43,16 @@ def tumbling(motion: Motion) -> Motion:
     )
 
 
+def test_a_log_that_is_out_of_control_from_its_first_sample_to_its_last_is_told_of() -> None:
+    flight = flown(lively(40.0))
+    attitude = flight.require_attitude()
+    over = quaternion.multiply(attitude.q_ned_frd, quaternion.from_euler(np.pi, 0.0, 0.0)[None])
+    found = assess(replace(flight, attitude=replace(attitude, q_ned_frd=over)), GENERIC)
+    assert found.verdict.status == "insufficient_data"
+    assert found.verdict.summary.startswith("Control was lost at 10.0 s.")
+    assert found.best is None
+
+
 @cache
 def fallen() -> Flight:
     """From 10 to 120 s, out of control from 55 to 59 s, and caught in the air."""

@@ -23,6 +23,7 @@ from companion.model import (
 )
 from companion.strapdown import ImuModel, Sensor, motions, simulate
 from companion.verdict import Check, Preflight, ageing, preflight
+from companion.verdict.preflight import _sigma
 from tests.flights import VEHICLE, aided, flight_of, seconds
 
 MOTION = motions.rest(seconds(40.0, 100.0))
@@ -158,6 +159,37 @@ def test_a_receiver_without_a_good_fix_is_no_go(change: dict[str, float], name: 
     columns: dict[str, Any] = {field: np.full(len(gps), value) for field, value in change.items()}
     poor = replace(gps, **columns)
     assert line(checked(replace(flight, gps=(poor,))), name, gps.source).outcome == "no_go"
+
+
+def test_satellites_that_are_not_told_hold_nothing_up() -> None:
+    """255 in GPS_RAW_INT."""
+    flight = standing()
+    (gps,) = flight.gps
+    result = checked(replace(flight, gps=(replace(gps, satellites=np.full(len(gps), np.nan)),)))
+    assert result.outcome == "go"
+    assert "gps_satellites" not in {one.name for one in result.checks}
+
+
+def test_a_reading_that_a_compass_lacks_is_left_out() -> None:
+    flight = standing()
+    (compass,) = flight.compasses
+    field = compass.field.copy()
+    field[100] = np.nan
+    assert checked(replace(flight, compasses=(replace(compass, field=field),))).outcome == "go"
+
+
+def test_how_well_noise_at_rest_is_known() -> None:
+    """By how it differs from flight to flight: what it is at most of three axes."""
+    lines = [line(checked(standing(seed)), "accel_noise") for seed in range(20)]
+    spread = float(np.std([one.size for one in lines]))
+    assert 0.5 * spread < np.mean([one.sigma for one in lines]) < 2.0 * spread
+
+
+def test_a_mean_is_known_no_better_for_the_seconds_that_are_missing() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    wander = np.repeat(np.random.default_rng(1).standard_normal((60, 3)), 10, axis=0)
+    heard = (t < 8.0) | (t >= 53.0)
+    assert _sigma(t[heard], wander[heard], 0.0) == pytest.approx(np.full(3, 15**-0.5), rel=0.5)
 
 
 def test_what_is_not_in_the_log_is_said() -> None:
