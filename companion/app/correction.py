@@ -64,6 +64,7 @@ def load_correction(path: str | Path) -> Correction:
 def correction_text(calibration: Calibration, origin: str) -> str:
     """The file of a calibration: what the flight tells, zero for what it does not, each with its standard error."""
     values = calibration.correction.values
+    origin = "".join(c if c.isprintable() else " " for c in origin)  # a name may have a line's end
     lines = [f"# IMU correction from {origin}, {calibration.windows} windows of {calibration.horizon_s:g} s."]
     lines += [
         "# true = (1 + [mounting]x)(1 + scale and misalignment)(measured - bias), at t - time_offset; body FRD.",

@@ -123,7 +123,7 @@ def _figure_lines(figure: _Figure, given: ModelFigure | None) -> list[str]:
 
 def _quoted(text: str) -> str:
     """A TOML string: JSON's escapes are TOML's too."""
-    return msgspec.json.encode(text).decode()
+    return msgspec.json.encode(text.encode("utf-8", "replace").decode()).decode()  # a name need not be UTF-8
 
 
 def _load(part: str) -> _Part:

@@ -244,7 +244,11 @@ def _cases(
         yield _verdict(vehicle, examined.verdict, arguments.fail_on)
         if isinstance(examined, Examination):
             measures = measures_of(examined)
-            flown.append(BaselineFlight(dict(measures), name, str(flight.vehicle), flight.boot))
+            flown.append(
+                BaselineFlight(
+                    dict(measures), name.encode("utf-8", "replace").decode(), str(flight.vehicle), flight.boot
+                )
+            )
             if baseline is not None:
                 yield from compared(vehicle, measures, baseline, arguments.tolerance)
 

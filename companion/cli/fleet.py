@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from companion.cli import options, tables
-from companion.fleet import MEMORY_GB, TIMEOUT_S, Fleet, FleetRun, Row, Rows, Search, find_logs, key_of, short_names
+from companion.fleet import MEMORY_GB, TIMEOUT_S, Fleet, FleetRun, Row, Rows, find_logs, key_of, short_names
 from companion.fleet import run_fleet as examine_fleet
 from companion.model import counted
 from companion.present import words
@@ -48,7 +48,9 @@ def run_fleet(arguments: argparse.Namespace) -> int:
     """Examine, write, and print the summary. 130 after Ctrl-C."""
     settings = options.settings_of(arguments)
     search = find_logs(arguments.paths, dialect=settings.log.dialect)
-    _say_passed_over(search)
+    for folder, why in search.closed.items():
+        options.say(f"cannot be searched: {folder} ({why})")
+    options.say_passed_over(search.no_logs)
     requested = FleetRun(
         Path(arguments.output),
         settings,
@@ -88,14 +90,6 @@ class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:.1f}/s")
-
-
-def _say_passed_over(search: Search) -> None:
-    for folder in search.closed:
-        options.say(f"cannot be searched: {folder}")
-    if search.no_logs:
-        more = f" and {len(search.no_logs) - _MOST} more" if len(search.no_logs) > _MOST else ""
-        options.say(f"passed over, for their content is no log: {', '.join(search.no_logs[:_MOST])}{more}")
 
 
 def _print(fleet: Fleet, seconds: float) -> None:

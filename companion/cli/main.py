@@ -25,6 +25,8 @@ from companion.model import CompanionError, SettingsError, nearest_word
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
 """Failures to write to stdout. Errors of files have a name; those of a network other numbers, or none."""
+_OF_NAMES = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.EROFS}
+"""What is wrong with a path that was named, not with us: no right to look there, or a name that no file can have."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,12 +46,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.write_no_more(sys.stdout)
         return 141
     except Exception as error:  # noqa: BLE001  (the border of the program)
-        if isinstance(error, OSError) and error.filename is None and error.errno in _OF_OUTPUT:
-            print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
-            options.write_no_more(sys.stdout)
+        if isinstance(error, OSError) and (sentence := _mendable(error)):
+            print(f"companion: {sentence}", file=sys.stderr)
+            if error.filename is None:
+                options.write_no_more(sys.stdout)
             return 2
         return report_unexpected(error, sys.argv[1:] if argv is None else argv)
     return code
+
+
+def _mendable(error: OSError) -> str:
+    """The sentence for an error that the user can mend; "" for any other."""
+    if error.filename is None:
+        return f"the output cannot be written: {error.strerror}" if error.errno in _OF_OUTPUT else ""
+    return f"{error.filename}: {error.strerror}. Name another path." if error.errno in _OF_NAMES else ""
 
 
 def _run(given: list[str]) -> int:

@@ -89,7 +89,7 @@ def _write(path: Path, noise: ImuNoise, origin: str) -> None:
     else:
         with files.filling(path) as folder:
             for suffix in (".yaml", ".toml"):
-                (folder / f"imu{suffix}").write_text(_TEXTS[suffix](noise, origin), encoding="utf-8")
+                (folder / f"imu{suffix}").write_text(_TEXTS[suffix](noise, origin), "utf-8", errors="replace")
     options.say(f"written: {path} ({noise.imu})")
 
 

@@ -132,6 +132,7 @@ _SETTABLE = {
 
 _PAGE_BYTES = 256
 _LARGE_BYTES = 20_000_000
+_MOST_NAMES = 10  # of files that were passed over
 
 
 def output(arguments: argparse.Namespace, endings: Sequence[str] = (), more: str = "") -> Path | None:
@@ -176,13 +177,25 @@ def log_path(arguments: argparse.Namespace) -> Path:
 
 
 def logs_named(arguments: argparse.Namespace, settings: Settings) -> dict[str, str]:
-    """Path → short name of each log that was named, matches a pattern or is in a folder that was named."""
+    """Path → short name of each log that was named, matches a pattern or is in a folder that was named.
+
+    And of each folder that cannot be searched: it is a log that cannot be read.
+    """
     from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
 
     named = [str(_path(name, arguments.piped)) for name in arguments.logs]
-    paths = [log.path for log in find_logs(named, dialect=settings.log.dialect).logs]
+    search = find_logs(named, dialect=settings.log.dialect)
+    say_passed_over(search.no_logs)
+    paths = [*(log.path for log in search.logs), *search.closed]  # what reads those says why it cannot
     names = short_names(paths)
     return {path: names[path] for path in paths}
+
+
+def say_passed_over(no_logs: Sequence[str]) -> None:
+    """Files that are named like logs, and are none by their content."""
+    if no_logs:
+        more = f" and {len(no_logs) - _MOST_NAMES} more" if len(no_logs) > _MOST_NAMES else ""
+        say(f"passed over, for their content is no log: {', '.join(no_logs[:_MOST_NAMES])}{more}")
 
 
 def _path(name: str, piped: Path | None) -> Path:

@@ -30,18 +30,19 @@ _WRITTEN = {
 """What a flight that is written to a file is made of, Hz; on a link nothing streams until it is requested."""
 
 _DEFAULT_PART = "icm-42688-p"
+_seed = options.whole(0, 2**63 - 1, "a whole number from 0 on")
 
 
 def simulate_options(parser: options.Parser) -> None:
     """The command's options."""
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
-    parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
+    options.add_output(parser, "FILE", "write the whole flight into this .tlog instead", "replace FILE")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")
     parser.add_argument(
         "--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="the autopilot to imitate"
     )
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
     options.add(parser, "--imu-model")
     parser.add_argument(
@@ -70,6 +71,7 @@ def run_simulate(arguments: argparse.Namespace) -> int:
         raise SettingsError("name either a LINK to fly on or a file with --output.")
     if not 1 <= arguments.sysid <= 255:
         raise SettingsError(f"--sysid lies between 1 and 255, got {arguments.sysid}.")
+    path = options.output(arguments)
     faults = faults_of(arguments.fault)
     part = arguments.imu_model or _DEFAULT_PART
     flown = fly(
@@ -86,17 +88,16 @@ def run_simulate(arguments: argparse.Namespace) -> int:
         flown,
         autopilot=arguments.autopilot,
         sysid=arguments.sysid,
-        streams=_WRITTEN if arguments.output else {},
+        streams=_WRITTEN if path is not None else {},
         parameters={**PARAMETERS, **filters, "INS_GYR_ID": float(ardupilot_id(part))},
-        send_parameters=arguments.output is not None,
+        send_parameters=path is not None,
         faults=faults,
         seed=arguments.seed,
     )
-    if arguments.output:
-        path = Path(arguments.output)
+    if path is not None:
         with files.replacing(path) as draft:
             write_flight(vehicle, draft)
-        print(f"{arguments.output}: {path.stat().st_size:,} bytes, {flown.duration:.0f} s")
+        print(f"{path}: {path.stat().st_size:,} bytes, {flown.duration:.0f} s")
         return 0
     with contextlib.closing(open_port(parse_address(arguments.link))) as port:
         options.say(f"Vehicle {arguments.sysid}:1 flies a {arguments.motion} on {arguments.link}  (Ctrl-C ends it)")

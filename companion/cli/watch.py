@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -267,6 +268,8 @@ def run_watch_folder(arguments: argparse.Namespace) -> int:
     settings, folder = options.settings_of(arguments), Path(arguments.folder)
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}: name the one that logs come into.")
+    if not os.access(folder, os.R_OK | os.X_OK):
+        raise InputError(f"the folder {folder} cannot be searched: you may not read it.")
     if not arguments.settle >= 0:
         raise SettingsError(f"--settle is a number of seconds, got {arguments.settle:g}.")
     command = command_of("--run", arguments.each or "")

@@ -251,10 +251,10 @@ def _channels(flight: Flight, shown: Replay, assessed: Assessment, series: Itera
 
 def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Channel]:
     topic = partial(_channel, flight)
-    t, best = shown.t, assessed.best
+    t, best, known = shown.t, assessed.best, shown.reference_valid  # in a gap the autopilot says nothing
     beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in gaps, which may be of any length
     bodies = [
-        ("autopilot", t, shown.position_ref, shown.q_ref),
+        ("autopilot", t[known], shown.position_ref[known], shown.q_ref[known]),
         ("imu", t, shown.position_imu, shown.q_imu),
         *([("best", best.t, best.position, best.q_ned_frd)] if best else []),
     ]
@@ -269,8 +269,8 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
             yield topic(f"/{name}/location", _LOCATION, times, _locations(name, where))
     for name, path in drawn.items():
         yield topic("/paths", _SCENE, t[:1], [line(name, path, COLOURS[name])])
-    velocity, position = shown.velocity_error, shown.position_error
-    yield topic("/error", _ERROR, t, errors(shown.attitude_error, velocity, position))
+    velocity, position = shown.velocity_error[known], shown.position_error[known]
+    yield topic("/error", _ERROR, t[known], errors(shown.attitude_error[known], velocity, position))
     for name, track in flight.imus.items():
         messages = readings("imu_frd", track.gyro, track.accel)
         yield topic(f"/imu/{name}", IMU, track.t, messages)

@@ -32,7 +32,7 @@ Values = npt.NDArray[Any]
 
 UNITS = {
     "s": "s", "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rad2": "rad²", "radps": "rad/s", "deg": "°",
-    "pa": "Pa", "degc": "°C", "tesla": "T",
+    "pa": "Pa", "degc": "°C", "tesla": "T", "v": "V", "a": "A", "m2": "m²", "m2ps2": "m²/s²",
 }  # fmt: skip
 """The end of a column's name → its unit."""
 
@@ -102,14 +102,15 @@ def listed(table: Table) -> dict[str, Any]:
 
 
 def thinned(table: Table, span: tuple[float | None, float | None], most: int) -> dict[str, Any]:
-    """The values between two times of the boot clock, s.
+    """The values between two times of the boot clock, s; of rows that last, those that reach into it.
 
     Of more than `most` rows so many, evenly; each column has the least and the greatest of all.
     """
     inside = np.ones(len(table), bool)
-    if (t := next((column.values for column in table if column.name == "t_s"), None)) is not None:
+    stamps = [column.values for column in table if column.name == "t_s"]
+    if stamps := stamps or [column.values for column in table if column.name.endswith("_t_s")]:  # from, to
         begin, end = span
-        inside = (t >= (-np.inf if begin is None else begin)) & (t <= (np.inf if end is None else end))
+        inside = ~(stamps[-1] < (-np.inf if begin is None else begin)) & (stamps[0] <= (np.inf if end is None else end))
     rows = np.flatnonzero(inside)
     shown = rows[np.unique(np.linspace(0, len(rows) - 1, most).round().astype(np.intp))] if len(rows) > most else rows
     columns = [{**_head(c), **_ends(c.values[rows]), "values": c.values[shown].tolist()} for c in table]

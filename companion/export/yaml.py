@@ -111,7 +111,7 @@ FORMATS = (
 def kalibr_text(noise: ImuNoise, origin: str) -> str:
     """The text of imu.yaml. Kalibr's densities are those of `strapdown`: a sample at rate r has the deviation N √r."""
     gyro, accel = noise_model(noise)
-    lines = [f"# IMU noise of {noise.imu} from {origin}".replace("\n", " ")]
+    lines = [f"# IMU noise of {noise.imu} from {_text(origin)}"]
     for title, name, sensor, unit in (
         ("Accelerometers", "accelerometer", accel, "m/s^2"),
         ("Gyroscopes", "gyroscope", gyro, "rad/s"),

@@ -130,9 +130,10 @@ class Journal:
         self._path = folder / NAME
         self._version = version
         self._lines: dict[str, _Line] = {}  # by path, the latest
+        self._others: dict[tuple[str, str], _Line] = {}  # of other versions, by path and version
         self._records: dict[str, LogRecord] = {}  # by path
         self._same_size: dict[int, dict[str, LogRecord]] = {}  # size → sha256 → record: content under any name
-        self._superseded = 0
+        self._read = 0  # lines in the file
         with _failing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             check(self._path, force=True)
@@ -162,7 +163,7 @@ class Journal:
     def add(self, log: FoundLog, record: LogRecord) -> LogRecord:
         """Keep what a worker found, and return it: completed when it was a known content under another name."""
         if record.sha256 and not record.flights and record.error is None:
-            record = self._same_size[log.size_bytes][record.sha256]
+            record = self._renamed(self._same_size[log.size_bytes][record.sha256], printable(log.path))
         raw = msgspec.Raw(msgspec.json.encode(record))
         line = _Line(printable(log.path), log.size_bytes, log.stamp, self._version, raw)
         with _failing(self._path):
@@ -172,22 +173,34 @@ class Journal:
         return record
 
     def close(self) -> None:
-        """Close the file; written anew without what is superseded when that is more than half of it."""
+        """Close the file; written anew without what is superseded when that is more than half of it.
+
+        A record of another version is superseded when this one has its log: a run of a few logs with other options, or
+        one that was interrupted, costs the others nothing.
+        """
         self._file.close()
-        if self._superseded <= len(self._lines):
+        lines = [*(line for line in self._others.values() if line.path not in self._lines), *self._lines.values()]
+        if self._read - len(lines) <= len(lines):
             return
         with _failing(self._path), replacing(self._path) as path:
-            path.write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in self._lines.values()))
+            path.write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
+
+    def _renamed(self, record: LogRecord, path: str) -> LogRecord:
+        """The record of a known content under another name: its error speaks of the file of its own row."""
+        if record.error is None:
+            return record
+        known = next((name for name, one in self._records.items() if one is record), path)
+        return msgspec.structs.replace(record, error=record.error.replace(known, path))
 
     def _remember(self, line: _Line) -> None:
+        self._read += 1
         if line.version != self._version:
-            self._superseded += 1
+            self._others[line.path, line.version] = line
             return
         try:
             record = msgspec.json.decode(line.record, type=LogRecord)
         except msgspec.DecodeError:
             return
-        self._superseded += line.path in self._lines
         self._lines[line.path], self._records[line.path] = line, record
         if record.sha256 and record.settled:
             self._same_size.setdefault(line.size_bytes, {})[record.sha256] = record

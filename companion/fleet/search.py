@@ -45,7 +45,8 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
                 search.file(name)
     if not search.logs:
         searched = ", ".join(paths)
-        passed = f" Passed over: {_some([*search.closed, *search.no_logs])}." if search.closed or search.no_logs else ""
+        names = [*(f"{folder} ({why})" for folder, why in search.closed.items()), *search.no_logs]
+        passed = f" Passed over: {_some(names)}." if names else ""
         raise InputError(
             f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .log and compressed logs."
             f"{passed} Name the folder or the files."
@@ -80,7 +81,7 @@ class Search:
         self._dialect = dialect
         self._logs: dict[str, FoundLog] = {}  # by the path without symbolic links
         self.no_logs: list[str] = []  # named like logs, but something else by their content
-        self.closed: list[str] = []  # folders that cannot be searched, with the reason
+        self.closed: dict[str, str] = {}  # folders that cannot be searched → the reason
         self._been: set[tuple[int, int]] = set()  # device and inode of folders: links may run in circles
 
     @property
@@ -132,7 +133,7 @@ class Search:
         return False
 
     def _refused(self, error: OSError) -> None:
-        self.closed.append(f"{error.filename} ({error.strerror})")
+        self.closed[str(error.filename)] = error.strerror or str(error)
 
 
 def _expanded(path: str) -> Iterator[str]:

@@ -40,7 +40,7 @@ WRITES: dict[str, Callable[[], list[str]]] = {
     "view": lambda: [f"udpin:127.0.0.1:{free_port()}", "--wait", "0.1"],
     "record": lambda: [f"udpin:127.0.0.1:{free_port()}", "--wait", "0.1"],
     "watch": lambda: [f"udpin:127.0.0.1:{free_port()}", "--wait", "0.1"],
-    "simulate": lambda: ["--duration", "1"],
+    "simulate": lambda: ["--duration", "1", "--force"],
 }
 """Command → what else it is given to write something."""
 

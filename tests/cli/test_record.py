@@ -414,12 +414,16 @@ def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pyt
     assert main(["simulate", "-o", path, "--duration", "30", "--fault", "imu-bias@15", "--fault", "reboot@20"]) == 0
     assert main(["analyze", path, "--horizons", "2"]) == 0
     assert main(["simulate"]) == 2
-    assert main(["simulate", "-o", path, "--fault", "rain"]) == 2
+    flown = Path(path).read_bytes()
+    assert main(["simulate", "-o", path, "--duration", "1"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert Path(path).read_bytes() == flown
+    assert main(["simulate", "-o", path, "--force", "--fault", "rain"]) == 2
     assert "there is no fault 'rain'" in capsys.readouterr().err
     for words, reason in {
         ("--fault", "reboot@nan"): "not a time in seconds",
         ("--fault", "reboot@-3"): "not a time in seconds",
         ("--sysid", "300"): "between 1 and 255",
     }.items():
-        assert main(["simulate", "-o", path, "--duration", "1", *words]) == 2
+        assert main(["simulate", "-o", path, "--force", "--duration", "1", *words]) == 2
         assert reason in capsys.readouterr().err

@@ -50,6 +50,13 @@ def test_values_are_those_of_the_table_and_extremes_those_of_all_rows(log: Path,
     assert part == table["t_s"][(table["t_s"] >= 22) & (table["t_s"] <= 23)].tolist()
 
 
+def test_of_rows_that_last_those_that_reach_into_the_time_are_given(capsys: Captured) -> None:
+    part = columns(capsys, "demo", "windows", "--from", "100", "--to", "101")
+    begin, end = (np.array(part[name]["values"]) for name in ("anchor_t_s", "end_t_s"))
+    assert 0 < len(begin) < len(columns(capsys, "demo", "windows")["end_t_s"]["values"])
+    assert ((begin <= 101) & (end >= 100)).all()
+
+
 def test_csv_reads_back(log: Path, capsys: Captured) -> None:
     assert main(["series", str(log), "attitude", "--points", "20"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+from pathlib import Path
+
 import pytest
+import yaml
 
 from companion.cli import main
 from companion.links import is_link, meant_link, parse_address
 from companion.model import InputError
+from tests.tlogs import resting
 
 Captured = pytest.CaptureFixture[str]
 
@@ -50,6 +56,24 @@ def test_a_mistyped_command_or_option(arguments: str, hint: str, capsys: Capture
 @pytest.mark.parametrize("command", ["info", "analyze", "view", "compare demo"])
 def test_a_link_where_a_log_is_expected(command: str, capsys: Captured) -> None:
     assert "companion view udp:14550 or record udp:14550" in said(f"{command} upd:14550", capsys)
+
+
+@pytest.mark.parametrize("words", [["info", "{}"], ["analyze", "{}"], ["noise", "demo", "-o", "{}"]])
+def test_a_name_that_no_file_can_have_is_one_sentence(words: list[str], capsys: Captured) -> None:
+    name = "n" * 300 + ".tlog"
+    assert main([word.format(name) for word in words]) == 2
+    assert "internal error" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there any bytes are a name")
+def test_a_name_that_is_no_utf_8_is_written_into_no_file(tmp_path: Path, capsys: Captured) -> None:
+    log = str(shutil.copy(resting(tmp_path / "rest.tlog"), tmp_path / "uni\udcff\rx: 1.tlog"))
+    noise, baseline = tmp_path / "noise", tmp_path / "baseline.json"
+    assert main(["noise", log, "-o", str(noise)]) == 0
+    assert main(["check", log, "--write-baseline", str(baseline)]) in (0, 1)
+    assert "internal error" not in capsys.readouterr().err
+    assert "x" not in yaml.safe_load((noise / "imu.yaml").read_text(encoding="utf-8"))
+    assert baseline.exists()
 
 
 def test_a_link_for_a_command_that_takes_logs_alone(capsys: Captured) -> None:

@@ -183,7 +183,22 @@ def test_parquet_states_units_and_frames(flight: c.Flight, exported: Callable[[s
         for name in names:
             unit = (parquet.read_schema(path).field(name).metadata or {}).get(b"unit")
             assert (unit is not None) == name.endswith(
-                ("_s", "_m", "_mps", "_mps2", "_rad", "_radps", "_deg", "_degc", "_tesla", "_pa")
+                (
+                    "_s",
+                    "_m",
+                    "_mps",
+                    "_mps2",
+                    "_rad",
+                    "_radps",
+                    "_deg",
+                    "_degc",
+                    "_tesla",
+                    "_pa",
+                    "_v",
+                    "_a",
+                    "_m2",
+                    "_m2ps2",
+                )
             ), f"{path.name}: {name}"
 
 
@@ -377,6 +392,20 @@ def test_a_log_without_an_attitude_gives_what_it_has(tmp_path: Path, capsys: Cap
     assert not (tmp_path / "csv" / "drift.csv").exists()
     assert main(["export", path, "--format", "tum", "-o", str(tmp_path / "tum")]) == 2
     assert "no attitude to compare with" in capsys.readouterr().err
+
+
+def test_in_a_gap_of_the_autopilot_mcap_has_the_imu_alone(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "log.tlog")
+    for i in range(1000):
+        log.heartbeat(i / 50)
+        log.raw_imu(i / 50, 10 + i / 50)
+        if not 400 < i < 600:
+            log.attitude(i / 50, 10 + i / 50)
+    assert main(["export", str(log.close()), "--format", "mcap", "-o", str(tmp_path / "a.mcap")]) == 0
+    found = messages(tmp_path / "a.mcap")
+    counts = {topic: len(found[topic]) for topic in ("/imu/pose", "/autopilot/pose", "/error")}
+    assert counts["/imu/pose"] > 950
+    assert counts["/autopilot/pose"] == counts["/error"] < 850
 
 
 def test_a_flight_without_position_has_attitudes(tmp_path: Path) -> None:

@@ -51,6 +51,25 @@ def test_known_content_under_another_name(tmp_path: Path) -> None:
         assert journal.record(moved) == RECORD
 
 
+def test_an_error_speaks_of_the_file_of_its_own_row(tmp_path: Path) -> None:
+    with Journal(tmp_path, "v1") as journal:
+        journal.add(LOG, LogRecord(sha256="aa", error=f"{LOG.path} holds no MAVLink frame"))
+    copy = FoundLog("/logs/copy.tlog", 100, "3-3")
+    with Journal(tmp_path, "v1") as journal:
+        assert list(journal.same_size(copy)) == ["aa"]
+        assert journal.add(copy, LogRecord(sha256="aa")).error == "/logs/copy.tlog holds no MAVLink frame"
+
+
+def test_a_run_of_one_log_with_other_options_costs_the_others_nothing(tmp_path: Path) -> None:
+    logs = [FoundLog(f"/logs/{i}.tlog", 100, "1-1") for i in range(5)]
+    written(tmp_path, *logs)
+    for stamp in range(9):
+        with Journal(tmp_path, "v2") as journal:
+            journal.add(FoundLog("/logs/0.tlog", 100, f"{stamp}"), RECORD)
+    with Journal(tmp_path, "v1") as journal:
+        assert [journal.record(log) for log in logs[1:]] == [RECORD] * 4
+
+
 def test_a_line_that_a_crash_cut_off_costs_that_log_alone(tmp_path: Path) -> None:
     other = FoundLog("/logs/b.tlog", 100, "1-1")
     written(tmp_path, LOG, other)
