@@ -184,6 +184,7 @@ IDENTIFIABLE_SHARE = (0.95, 0.96)  # of the data sets that are told, at least, a
 RIVAL_LOG_ODDS = 12.0  # below the likeliest hypothesis, from which on another one does not count
 DATA_SETS_SIZE = 4e6  # states by data sets, at a time: 32 MB
 MAX_EXPLAINED = 4  # hypotheses in one estimate
+MOST_LINEARISATIONS = 150  # of one estimate with all of its causes: a healthy flight takes some 25
 TRIAL_PASSES = 8  # of the iteration, after which it shows which of several hypotheses leaves least
 ROUGH_STRETCH_S = 2.0  # before a cause, where it shows that the cause lies in rough motion
 JUMP_STEPS = 8.0  # median steps, of an onset that is tried besides the grid,
