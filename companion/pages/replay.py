@@ -136,8 +136,22 @@ class Answers:
         seen = flight.with_imu(display.track) if display.track else flight
         self._last = None  # room for the next: an hour's analysis is large
         examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
+        if choice.corrects:  # a correction is of one IMU: the others stand beside it as it is
+            examined = replace(examined, flight=flight, correction=self._correction_words(choice))
         self._last = key, examined
         return examined
+
+    def _correction_words(self, choice: ReplayChoice) -> str:
+        """What is taken off the readings: the name of the file, and whatever else."""
+        known = {"no": "", "flight": "the calibration of this flight", "file": self.correction_file or ""}
+        parts = [known[choice.correction]]
+        for bias, factor, what, unit in (
+            (choice.gyro_bias, 1e3, "gyro", "mrad/s"),
+            (choice.accel_bias, 1.0, "accelerometer", "m/s²"),
+        ):
+            if any(bias):
+                parts.append(f"{what} bias {', '.join(f'{factor * axis:g}' for axis in bias)} {unit}")
+        return "; ".join(filter(None, parts))
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """The correction of the chosen IMU. Raises DataError when this flight cannot be calibrated."""

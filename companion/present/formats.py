@@ -34,7 +34,7 @@ def fixed(value: float) -> str:
 
 def significant(value: float) -> str:
     """Three digits that matter, two of what is small."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
+    return f"{value:.0f}" if abs(value) >= 99.95 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
 def capitalised(sentence: str) -> str:

@@ -77,7 +77,9 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
             moved = down - down[np.argmin(np.abs(t))]
             yield traces.Panel("height, m", [traces.line(t, -moved, "estimator", palette.AUTOPILOT)])
             speeds = [("estimator", palette.AUTOPILOT, position.t, position.velocity)]
-            speeds += [("GPS", palette.GPS, one.t, np.nan_to_num(one.velocity)) for one in flight.gps[:1]]
+            for one in flight.gps[:1]:
+                known = np.isfinite(one.velocity[:, :2]).all(axis=1)  # the down part alone is not in every message
+                speeds.append(("GPS", palette.GPS, one.t[known], np.nan_to_num(one.velocity[known])))
             yield traces.Panel("speed, m/s", _lines(incident, speeds, length))
 
 

@@ -24,6 +24,8 @@ TIME = "seconds since boot"
 """The axis of time."""
 _MOST_POINTS = 1200
 """Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
+_FINE_S = 1e4
+"""Up to which float32 is good for times: of an hour a quarter of a millisecond, a thousandth of a pixel."""
 
 GREY = palette.CURSOR
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))
@@ -76,7 +78,7 @@ def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": np.asarray(x, dtype=np.float32),  # of an hour: a quarter of a millisecond, a thousandth of a pixel
+        "x": np.asarray(x, dtype=np.float32 if np.max(x, initial=0.0) < _FINE_S else np.float64),
         "y": np.asarray(y, dtype=np.float32),
         "name": name,
         "line": style,

@@ -15,7 +15,7 @@ from viser.infra._infra import _remap_binary_placeholder_indices
 
 from companion.model import CompanionError, Flight
 from companion.present import palette
-from companion.view.scene.cameras import camera, frame, readable_span
+from companion.view.scene.cameras import camera, frame_of, readable_span
 from companion.view.scene.drone import Move
 from companion.view.scene.scene import Scene, unseen
 from companion.view.scene.vehicle_shapes import drone_for
@@ -63,7 +63,7 @@ def over(rgba: Pixels, grey: int) -> Pixels:
 def replay_page(display: DisplayTrajectory, flight: Flight, *, dark: bool = False) -> str:
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
     drone = drone_for(flight.vehicle.type)
-    framing = frame(display.replay.position_ref, display.replay.position_imu)
+    framing = frame_of(display)
     view = camera("Free", framing)
     # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile. Nobody knows
     # its token: no browser is meant to find it.

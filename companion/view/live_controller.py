@@ -19,7 +19,7 @@ from companion.view.panels.chart_pages import LiveCharts
 from companion.view.panels.controls import Controls, Post, bounded, dock
 from companion.view.panels.live_panel import LivePanel, numbers
 from companion.view.panels.replay_panel import flight_data
-from companion.view.panels.strip import bands
+from companion.view.panels.strip import Bands, bands
 from companion.view.scene.cameras import frame
 from companion.view.scene.trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
@@ -163,13 +163,13 @@ class LiveController(Controller):
         if now == before:
             return
         if now[:2] != before[:2]:
-            self._held = None
+            self.hold(None)
             self._history.clear()
             self.drone = drone_for(flight.vehicle.type)
         if now[:3] != before[:3]:
             self._lay_out(seen, display)
         self._introduced, self.stale = now, True
-        self._panel.introduce(who, imus, self._feed.choice.imu, has_position=has_position)
+        self._panel.introduce(who, now[0], imus, self._feed.choice.imu, has_position=has_position)
         self.is_due.at_once()  # the numbers of another IMU do not stand below its name
 
     def _instant(self) -> tuple[Sample | None, FreeRun | None]:
@@ -191,11 +191,11 @@ class LiveController(Controller):
             silent = self._held is None and bool(status.link.problem)
             has_position = display.replay.has_position
             self._panel.numbers.content = numbers(sample, free, has_position=has_position, silent=silent)
-            if sample.t >= seen.flight.start:
-                below = bands(seen.flight, display)
-                self._panel.flight.content = flight_data(
-                    sample, seen.flight, below, has_position=has_position, of_log=False
-                )
+            # Of what was before the last seconds neither mode nor arming is kept.
+            below = bands(seen.flight, display) if sample.t >= seen.flight.start else Bands()
+            self._panel.flight.content = flight_data(
+                sample, seen.flight, below, has_position=has_position, of_log=False
+            )
             held_s = None if self._held is None else display.end - sample.t
         self._panel.report(status, held_s)
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from html import escape
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
@@ -26,6 +27,7 @@ from companion.view.ground_map import MapLayer
 from companion.view.panels.chart_pages import ChartPages
 from companion.view.panels.controls import Controls, Post, dock, write
 from companion.view.panels.dead_reckoning import DeadReckoningControls
+from companion.view.panels.markup import block
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.strip import bands, outside
 from companion.view.panels.timeline import Timeline
@@ -98,7 +100,8 @@ class ReplayController(Controller):
         self._computer, self._examiner = Worker("dead-reckon"), Worker("examine")
         self._saver = Saver(self._complain)
         self.player = player = Player(display.start, display.end)
-        self._trouble = self._visited = False  # something failed; an address has requested an instant or an IMU
+        self._trouble = ""  # what has failed, until the next dead reckoning
+        self._visited = False  # an address has requested an instant or an IMU
         self._opening = self._moment = decisive(display)  # where the page opens; what is pointed at
         controls, gui = Controls(server.gui, post), server.gui
         # A phone shows the panels one below the other, in this order.
@@ -140,8 +143,9 @@ class ReplayController(Controller):
         """What has been dead-reckoned, the clock, the picture."""
         for worker in (self._computer, self._examiner, self._saver, self._map):
             worker.poll()
-        if self.is_due("progress", now) and ((progress := self._progress()) or not self._trouble):
-            self._panel.status(progress)
+        if self.is_due("progress", now):
+            progress = self._progress()
+            self._panel.status(progress or self._trouble, trouble=not progress)
         if now >= (self.joined_at + OPENING if self.joined_at and self._examine_at < np.inf else self._examine_at):
             self._examine()
         self.player.advance(dt)
@@ -222,7 +226,7 @@ class ReplayController(Controller):
             if self._display.result is None:  # the analysis of what is still shown was given up for this
                 self._examine()
             return
-        self._trouble = False
+        self._trouble = ""
         other_flight = flight is not self._flight
         self._flight, self._choice, self._display = flight, choice, computed
         self.player.load(computed.start, computed.end, None if other_flight else self.player.time)
@@ -280,6 +284,8 @@ class ReplayController(Controller):
         if (moment := self._opening) is not None:
             self.player.seek(moment.opens_at(self._display))
             self._point(moment, moment.begins_at(self._display.replay.anchors))
+        else:
+            self._timeline.forget()
         self._opened_s = self.player.time
 
     def _show_finding(self, browser: int, finding: Finding) -> None:
@@ -307,7 +313,7 @@ class ReplayController(Controller):
         return f"The analysis has worked for {seconds:.0f} s." if seconds >= PATIENCE_S else ""
 
     def _complain(self, why: str) -> None:
-        self._trouble = True
+        self._trouble = why
         self._panel.status(why, trouble=True)
 
     def _load(self) -> None:
@@ -329,6 +335,8 @@ class ReplayController(Controller):
     def _wait(self, why: str) -> None:
         self._findings.wait(why)
         self._panel.wait(why)
+        self.charts.wait(why)
+        self._drift.content = block(escape(why))
 
     def _say(self) -> None:
         """Lay out what stands beside the picture."""

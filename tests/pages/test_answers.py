@@ -9,6 +9,7 @@ import pytest
 
 import companion as c
 from companion.app.examination import integration_of
+from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.model import Flight
 from companion.pages.replay import Answers
@@ -42,3 +43,16 @@ def test_the_verdict_does_not_wait_for_the_calibration(flight: Flight, monkeypat
     alone = corrected(Answers(SETTINGS), flight, choice)
     for other in (after, alone):
         assert np.array_equal(before.replay.position_imu, other.replay.position_imu)
+
+
+def test_beside_a_corrected_imu_all_stand_as_they_are(flight: Flight) -> None:
+    """As `companion analyze --correction` has it; what was taken off is named."""
+    answers = Answers(SETTINGS)
+    choice = ReplayChoice(how=integration_of(SETTINGS, flight), gyro_bias=(0.02, 0.0, 0.0))
+    display = answers.recompute(flight, choice)
+    of_page, alone = answers.examine(flight, choice, display), c.examine(flight, SETTINGS)
+    shown, known = ([one.drift.position_m for one in found.redundant_imus] for found in (of_page, alone))
+    assert shown == known
+    recording = read_recording(BUNDLED / "copter-demo-100hz.tlog")
+    report = answers.report(recording.source, flight, choice, display)
+    assert "gyro bias 20, 0, 0 mrad/s" in report

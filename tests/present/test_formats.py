@@ -36,3 +36,8 @@ def test_a_length_is_told_as_people_say_it() -> None:
 def test_the_sentence_does_not_say_the_status_again() -> None:
     assert clause("Suspect the IMU: stuck at 12 s.") == "stuck at 12 s."
     assert clause("IMU and autopilot agree.") == "IMU and autopilot agree."
+
+
+@given(st.floats(99.0, 101.0))
+def test_no_number_ends_in_its_point(value: float) -> None:
+    assert not significant(value).endswith(".")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -13,13 +14,13 @@ import viser
 import zstandard
 
 from companion.model import Flight
-from companion.view import ReplayChoice
+from companion.view import ReplayChoice, display_trajectory
 from companion.view.export import Recording, over, replay_page
 from companion.view.scene.cameras import frame_of
 from companion.view.scene.drone import AUTOPILOT, IMU
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import drone_for
-from tests.view.circles import make_flight, recompute
+from tests.view.circles import dead_reckon, make_flight, recompute
 
 
 def test_what_is_see_through_shows_the_page_behind() -> None:
@@ -85,3 +86,14 @@ def test_moves_are_recorded_as_viser_records_them(server: viser.ViserServer) -> 
     assert {(STEP * i, IMU, "position") for i in range(20)} <= mine.keys()
     assert {(STEP * i, f"{AUTOPILOT}/attitude", "wxyz") for i in range(20)} <= mine.keys()
     assert any(name == "points" and t > 0 for t, _, name in true)
+
+
+def test_a_flight_without_a_position_hangs_in_the_air_as_on_the_page(flight: Flight) -> None:
+    shown = dead_reckon(flight, ReplayChoice())
+    none = np.zeros_like(shown.position_ref)
+    display = display_trajectory(
+        replace(shown, has_position=False, position_ref=none, position_imu=none, position_error=none)
+    )
+    heights = [value[2] for (_, node, name), value in recorded(replay_page(display, flight)).items()
+               if (node, name) == ("/world/grid", "position")]  # fmt: skip
+    assert heights[-1] == frame_of(display).ground > 0

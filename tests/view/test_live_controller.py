@@ -15,6 +15,7 @@ from companion.model.tracks import NavState
 from companion.verdict import LiveVerdict
 from companion.view import LinkState, LiveStatus, LiveViewer, ReplayChoice, Seen, live_controller
 from companion.view.live_controller import LiveController
+from companion.view.state.trajectory import samples_of
 from tests.view.browsing import until
 from tests.view.circles import dead_reckon
 
@@ -87,3 +88,44 @@ def test_the_numbers_are_of_the_imu_that_is_named(
     feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
     controller.turn(100.05, 0.05)
     assert ages == pytest.approx([70.0, 3.0])
+
+
+def heard(flight: Flight, seconds: float = 20.0) -> list[Seen]:
+    """A minute of looks; of messages only the last seconds are kept."""
+    replay = dead_reckon(flight, ReplayChoice(imu="RAW_IMU"))
+    parts = [samples_of(replay, slice(0, i)) for i in range(50, len(replay.t), 50)]
+    return [
+        Seen(replace(flight, start=float(part.t[-1]) - seconds, duration=seconds), "RAW_IMU", part, None)
+        for part in parts
+    ]
+
+
+def test_the_numbers_go_back_with_the_picture(flight: Flight, server: viser.ViserServer) -> None:
+    feed = Script()
+    controller = LiveController(server, feed, 60.0, lambda _call: None)
+    for i, feed.now in enumerate(heard(flight)):
+        controller.turn(100.0 + i, 1.0)
+    controller.hold(-40.0)
+    controller.turn(200.0, 1.0)
+    altitude = -float(controller.scene.autopilot.position[2])
+    assert f"{altitude:.1f} m, " in controller._panel.flight.content
+
+
+def test_what_is_held_ends_with_its_boot(flight: Flight, server: viser.ViserServer) -> None:
+    feed = Script()
+    controller = LiveController(server, feed, 60.0, lambda _call: None)
+    seen = heard(flight)
+    for i, feed.now in enumerate(seen):
+        controller.turn(100.0 + i, 1.0)
+    controller.hold(-10.0)
+    feed.now = replace(seen[-1], flight=replace(seen[-1].flight, boot=2))
+    controller.turn(200.0, 1.0)
+    assert (controller._panel.pause.label, controller._panel.back.value) == ("Pause", 0.0)
+
+
+def test_the_list_names_the_vehicle_that_is_looked_at(flight: Flight, server: viser.ViserServer) -> None:
+    second = replace(flight, vehicle=replace(flight.vehicle, sysid=2))
+    feed = Script(Seen(second, "RAW_IMU", dead_reckon(flight, ReplayChoice(imu="RAW_IMU")), None))
+    controller = LiveController(server, feed, 60.0, lambda _call: None)
+    controller.turn(100.0, 1.0)
+    assert controller._panel.vehicle.value == "2:1"

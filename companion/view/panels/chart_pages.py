@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from itertools import zip_longest
 
 import numpy as np
@@ -282,7 +283,12 @@ class ChartPages:
         self._log_charts = [LogChart(gui) for _ in _NOISE_TITLES]
         self.charts: list[Chart | LogChart] = [*self._charts, *self._log_charts]
         self._hint = gui.add_html("", visible=False)
-        self._shown, self._now = next(iter(_PAGES)), 0.0
+        self._shown, self._now, self._why = next(iter(_PAGES)), 0.0, ""
+
+    def wait(self, text: str) -> None:
+        """There is no analysis, or not yet: why, in words. `text` may hold anything."""
+        self._why = text
+        self._hint.content = block(escape(text))
 
     def load(
         self, display: DisplayTrajectory, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]
@@ -315,8 +321,8 @@ class ChartPages:
         for log_chart, log in zip_longest(self._log_charts, (one for one in drawn if isinstance(one, LogDrawing))):
             log_chart.draw(log)
         self._hint.visible = not drawn
-        why = "Analysis in progress." if self._display.result is None else _NOTHING.get(self._shown, "")
-        self._hint.content = block(why)
+        why = self._why if self._display.result is None else _NOTHING.get(self._shown, "")
+        self._hint.content = block(escape(why))
 
 
 _SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)

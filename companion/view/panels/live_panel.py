@@ -44,7 +44,7 @@ class LivePanel:
         self, controls: Controls, feed: Feed, window_s: float, change: Change, choose_camera: ChooseCamera
     ) -> None:
         """What `pause`, `back` and `vehicle` do is up to whoever builds it."""
-        gui = controls.gui
+        gui, self._number = controls.gui, ""
         longest = max(LONGEST_REANCHOR_S, float(feed.reanchor_s))
         self._verdict = gui.add_html("")
         self._link = gui.add_html("")
@@ -84,8 +84,15 @@ class LivePanel:
         controls.on_click(anchor, feed.anchor_now)
         controls.command("Anchor now", "A", feed.anchor_now)
 
-    def introduce(self, vehicle: str, imus: tuple[str, ...], chosen: str | None, *, has_position: bool) -> None:
-        """Show which vehicle it is, which IMUs it has and which of them was chosen; None: the page's own choice."""
+    def introduce(
+        self, vehicle: str, number: str, imus: tuple[str, ...], chosen: str | None, *, has_position: bool
+    ) -> None:
+        """Show which vehicle it is, which IMUs it has and which of them was chosen; None: the page's own choice.
+
+        number: of the vehicle, as the list of vehicles has it.
+        """
+        self._number = number
+        self._name_vehicle()
         if self._imu.options != (BEST, *imus):
             self._imu.options = (BEST, *imus)
             write(self._imu, chosen if chosen in imus else BEST)
@@ -104,6 +111,12 @@ class LivePanel:
         if vehicles and vehicles != self.vehicle.options:
             self.vehicle.options = vehicles
             self.vehicle.visible = len(vehicles) > 1
+            self._name_vehicle()
+
+    def _name_vehicle(self) -> None:
+        """Let the list show the vehicle that is looked at."""
+        if self._number in self.vehicle.options:
+            write(self.vehicle, self._number)
 
     def hold(self, at_s: float | None, duration_s: float) -> None:
         """The picture is held at so many s before its end (0 or less); None: it is live. duration_s: how far back."""

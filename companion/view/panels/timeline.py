@@ -49,7 +49,7 @@ class Timeline:
         panel.float(x=0, y=-1, width=WIDTH)
         with gui.add_folder("Playing", expand_by_default=False):
             speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
-            backwards = gui.add_checkbox("Backwards", False)
+            self._backwards = gui.add_checkbox("Backwards", False)
             loop = gui.add_checkbox("Repeat", False, hint="Start again where the part ends")
             controls.row(
                 "Part",
@@ -64,7 +64,7 @@ class Timeline:
         on(self._time, lambda t: player.seek(float(t)))
         on(speed, lambda name: setattr(player, "speed", float(name.rstrip("×"))))
         on(loop, partial(setattr, player, "loop"))
-        on(backwards, partial(setattr, player, "backwards"))
+        on(self._backwards, partial(setattr, player, "backwards"))
         on(self._event, self._go_to)
         for one in self._actions:
             controls.command(one.name, one.key, one.do, shift=one.shift)
@@ -96,6 +96,12 @@ class Timeline:
             low, high = middle - wide / 2, middle + wide / 2
         self._near = (low, high)
         self._show_span(*(self._near if moment.of_finding else self._player.whole))
+
+    def forget(self) -> None:
+        """Point at nothing."""
+        self._moment = self._played = None
+        self._near = self._player.whole
+        self.choose_part()
 
     def zoom(self) -> None:
         """Show the whole time, or what is about the part that is pointed at, else about the instant."""
@@ -150,6 +156,7 @@ class Timeline:
         if not low - 0.01 <= player.time <= high + 0.01:
             self._show_span(*player.whole)
         write(self._time, round(player.time, 2))
+        write(self._backwards, player.backwards)
         zoom = "" if self._near == player.whole else "Zoom in" if self._span == player.whole else "Whole flight"
         offered = self._played is not None
         self._transport.content = _STYLE + _transport(self._actions, zoom, playing=player.playing, offered=offered)

@@ -253,7 +253,7 @@ class Scene:
             self.overview.load(display, colour, outlines["autopilot"])
         for line in (self._error, *self._sticks):
             line.node.visible = known
-        self._error_name.visible = False
+        self._error_name.visible, self.autopilot.label.visible = False, True
         for i in range(len(self._imus), 1 + len(display.others)):
             root = f"{WORLD}/other{i}"
             body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)

@@ -141,6 +141,8 @@ _ALIVE = "/companion-alive"
 """Requested by an open page, to know whether companion is still there."""
 _REMEMBERED = "/companion-remembered"
 """Requested by a page that has just been opened, with the instant and the IMU that it showed last."""
+_OWN_PAGE = "Companion-Page"
+"""A header that our page sends with it. Another site's page would have to ask first, and is not answered."""
 _TITLE = re.compile(rb"<title>.*?</title>", re.DOTALL)
 _ICON = re.compile(rb'<link\s+rel="icon".*?/>', re.DOTALL)
 _log = logging.getLogger(__name__)
@@ -234,8 +236,9 @@ def _checked(answer: Answer, names: frozenset[str], token: str, visited: Visited
                 http.HTTPStatus.FORBIDDEN, "Open the whole address that companion has printed, with the token in it.\n"
             )
         if address.path in (_ALIVE, _REMEMBERED):
-            # No other site's page moves what is shown.
-            if address.path == _REMEMBERED and headers.get("Sec-Fetch-Site") == "same-origin":
+            # No other site's page moves what is shown. Browsers send Sec-Fetch-Site over http to this computer alone.
+            site = headers.get("Sec-Fetch-Site", "same-origin" if _OWN_PAGE in headers else "")
+            if address.path == _REMEMBERED and site == "same-origin":
                 visited(t, imu, True)
             return connection.respond(http.HTTPStatus.NO_CONTENT, "")
         if not address.query or headers.get("Upgrade") == "websocket":

@@ -58,7 +58,8 @@
     if (restored !== log) {
       const { t, imu, tab, camera } = known[log] ?? {};
       if (t && !restored) {
-        await fetch(`${REMEMBERED}?${new URLSearchParams({ t, imu: imu ?? "" })}`, { cache: "no-store" }).catch(() => {});
+        await fetch(`${REMEMBERED}?${new URLSearchParams({ t, imu: imu ?? "" })}`,
+          { cache: "no-store", headers: { "Companion-Page": "1" } }).catch(() => {});
       }
       if (tab && !restored) pressed("[role=tab]", tab);
       if (camera && !restored) pressed("button", camera);

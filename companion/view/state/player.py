@@ -39,9 +39,11 @@ class Player:
         """
         low = first if time is None or self.start <= self.first else self.start
         high = last if time is None or self.end >= self.last else self.end
+        until = None if time is None else self._until
         self.first, self.last = first, last
         self.choose_part(low, high)
         self.seek(self.start if time is None else time)
+        self._until = until
 
     def choose_part(self, low: float, high: float) -> None:
         """Stay between two times, in either order; no part at all is the whole."""

@@ -201,6 +201,16 @@ def test_a_page_learns_whether_companion_is_there(open_page: str, closed_page: s
     assert get(closed_page, "/companion-alive").status == 403
 
 
+def test_a_page_on_a_network_goes_back_to_what_it_showed() -> None:
+    """There browsers send no Sec-Fetch-Site: the page names itself in a header that no other site's can send."""
+    with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0) as viewer:
+        assert b'"Companion-Page"' in answer(viewer.url)[1]
+        for header in ({}, {"Sec-Fetch-Site": "cross-site", "Companion-Page": "1"}):
+            assert get(viewer.url, "/companion-remembered?t=105", **header).status == 204
+        assert get(viewer.url, "/companion-remembered?t=110", **{"Companion-Page": "1"}).status == 204
+        wait_for(lambda: viewer.player.time == 110.0, "what the page showed last")
+
+
 def test_an_address_may_ask_for_an_instant_and_an_imu() -> None:
     """Of what there is, and of nothing else; the page itself is served without it."""
     with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0) as viewer:

@@ -213,3 +213,11 @@ def test_a_part_bounds_every_jump(player: Player) -> None:
     player.cut("whole")
     player.jump("event", forward=True)
     assert player.time == 41.5
+
+
+def test_what_is_played_ends_where_it_would_have_though_it_is_recomputed() -> None:
+    player = Player(0.0, 100.0)
+    player.play(10.0, 20.0)
+    player.load(0.0, 100.0, player.time)
+    player.advance(30.0)
+    assert (player.time, player.playing) == (20.0, False)
