@@ -166,6 +166,8 @@ class Link:
         own = self.sysid if aboard is None else aboard
         if own not in self._packers:
             self._packers[own] = Packer(own, self._compid, dialect=self.dialect.name, signing_key=self._signing_key)
+        if self._verifier is not None:
+            self._packers[own].sign_after(self._verifier.newest)
         modern = self._modern or not self.health.frames
         for version in (2,) if modern else (1, 2) if request.name == "HEARTBEAT" else (1,):
             self._port.write(self._packers[own].pack(request.name, request.fields, version=version))

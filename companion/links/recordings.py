@@ -91,9 +91,10 @@ class Recorder:
         with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
             self._file.close()
         self._file = None
-        if not self.size_bytes and not deleted and self.path.is_file():
+        if not self.size_bytes and not deleted:
             with contextlib.suppress(OSError):  # someone has taken it away
-                self.path.unlink()
+                if self.path.is_file():
+                    self.path.unlink()
 
     def __enter__(self) -> Self:
         return self
@@ -104,7 +105,10 @@ class Recorder:
 
 def _is_deleted(file: FileIO) -> bool:
     """Whether it has been removed from its folder, so that nobody can open what is written any more."""
-    return os.fstat(file.fileno()).st_nlink == 0
+    try:
+        return os.fstat(file.fileno()).st_nlink == 0
+    except OSError:  # its file system has gone, as the next write says
+        return False
 
 
 def _new(path: Path) -> FileIO:
@@ -187,7 +191,7 @@ def play(
             _listen(port)
             time.sleep(min(left, _STEP_S))
         _listen(port)
-        while not (went := port.write(frame)) and not port.problem and not stop():
+        while not (went := port.write(frame)) and port.busy and not stop():
             time.sleep(_STEP_S)
             _listen(port)
         if went:

@@ -6,7 +6,7 @@ A radio behind UDP does not report its bandwidth: whether the link carries what 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from math import ceil, inf
 from typing import Literal
@@ -184,6 +184,7 @@ class StreamRequest:
     found_us: int | None = None  # the interval before our request, as MESSAGE_INTERVAL reports it; None: not known
     found_hz: float = 0.0  # what arrived before our request, where the vehicle reported no interval
     ours: bool = False  # an interval of ours has been requested, and perhaps taken
+    asked_us: set[int] = field(default_factory=set)  # each of them: of those that are lost none is known to be taken
     requested_s: float = -inf  # s, when that was last
     state: RequestState = RequestState.FINDING
     by_stream: bool = False  # requested with REQUEST_DATA_STREAM

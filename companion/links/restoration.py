@@ -58,6 +58,7 @@ class OriginalRatesFile:
     def __init__(self, path: Path | None = None) -> None:
         self.path = path
         self.known: dict[str, OriginalRate] = _read(path) if path is not None else {}
+        self.inherited = frozenset(self.known)  # that an earlier companion has left behind
         self.problem = ""  # why nothing can be written, for the user
 
     def note(self, name: str, earlier: OriginalRate) -> None:
@@ -178,8 +179,12 @@ class Restoration:
 
     @property
     def unconfirmed(self) -> tuple[str, ...]:
-        """The messages that are not confirmed to be as before; none of a vehicle that has taken no request at all."""
-        return (*self._messages, *self._streams) if self._answers else ()
+        """The messages that are not confirmed to be as before.
+
+        Of a vehicle that has taken no request at all those alone that an earlier companion has requested.
+        """
+        left = (*self._messages, *self._streams)
+        return left if self._answers else tuple(name for name in left if name in self._earlier.inherited)
 
     def requests(self) -> list[Request]:
         """What restores the messages that are left, each followed by the question whether it has."""

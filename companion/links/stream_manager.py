@@ -171,7 +171,9 @@ class StreamManager:
                 self._note(message)
                 message.ours, message.requested_s = True, now
                 message.attempts, message.due, self._waiting = message.attempts + 1, now + _ANSWER_S, message
-                return requests.set_interval(self.target, message.message_id, round(1e6 / message.requested_hz))
+                interval_us = round(1e6 / message.requested_hz)
+                message.asked_us.add(interval_us)
+                return requests.set_interval(self.target, message.message_id, interval_us)
         return None
 
     def _note(self, message: StreamRequest) -> None:
@@ -193,7 +195,8 @@ class StreamManager:
         for message in self.stream_requests:
             if message.message_id == number and message.state is RequestState.FINDING:
                 earlier = self._earlier.known.get(message.name)
-                message.ours = earlier is not None and is_same(interval, earlier.asked_us)  # not the vehicle's own
+                asked = set() if earlier is None else {earlier.asked_us} | message.asked_us
+                message.ours = any(is_same(interval, one) for one in asked)  # not the vehicle's own
                 if earlier is not None and message.ours:
                     message.found_us, message.found_hz = earlier.found_us, earlier.found_hz
                 else:  # the vehicle has rebooted since, or somebody has set it
@@ -291,7 +294,10 @@ class StreamManager:
             )
             return None
         self.reported.append(f"vehicle {self.target} has rebooted: asking again")
-        self._earlier.forget({one.name for one in self.stream_requests if one.requested_s < started})
+        before = [one for one in self.stream_requests if one.requested_s < started]
+        self._earlier.forget({one.name for one in before})
+        for one in before:
+            one.asked_us.clear()
         self._start_again()
         return started
 

@@ -13,6 +13,7 @@ import errno
 import re
 import select
 import socket
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -97,6 +98,10 @@ class Port(Protocol):
     def problem(self) -> str:
         """Why nothing can be received at present, "" if something can."""
 
+    @property
+    def busy(self) -> bool:
+        """Whether somebody is there who took nothing of what was written last."""
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until there is something to read, at most `timeout_s`; tries to come back if the peer has gone."""
 
@@ -114,9 +119,13 @@ Connection = TypeVar("Connection")
 
 
 class _BackOff:
-    """When to try again."""
+    """When to try again: ever later, until something is received (`ssh -L` takes each connection, and closes it)."""
 
     def __init__(self) -> None:
+        self.received()
+
+    def received(self) -> None:
+        """What is there speaks: when it has gone, try at once."""
         self._pause, self._next = _BACK_OFF_S[0], 0.0
 
     def attempt(self, connect: Callable[[], Connection], timeout_s: float) -> Connection | None:
@@ -125,13 +134,12 @@ class _BackOff:
             time.sleep(min(timeout_s, left))
             return None
         try:
-            connected = connect()
+            return connect()
         except (OSError, ValueError):  # pyserial's are both
+            return None
+        finally:
             self._next = time.monotonic() + self._pause
             self._pause = min(2 * self._pause, _BACK_OFF_S[1])
-            return None
-        self._pause, self._next = _BACK_OFF_S[0], 0.0
-        return connected
 
 
 _READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap
@@ -160,6 +168,7 @@ class UdpPort:
         self._peers: dict[Any, float] = {}  # address → when it was received last
         self._received = False  # whether anybody ever was
         self._spoke: float | None = None  # s of `time.monotonic()`, when it has first sent something
+        self.busy = False
         self._room = memoryview(bytearray(_READ))
         if address.kind == "udpin":
             _bind(self._socket, where, address)
@@ -197,12 +206,16 @@ class UdpPort:
     def write(self, data: bytes) -> bool:
         now = time.monotonic()
         self._peers = {peer: t for peer, t in self._peers.items() if now - t < _PEER_S}
-        sent = False
+        sent = self.busy = False
         for peer in [self._fixed] if self._fixed else list(self._peers):
-            with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence
+            try:
                 self._socket.sendto(data, peer)
                 sent = True
                 self._spoke = self._spoke or now
+            except BlockingIOError:
+                self.busy = True
+            except OSError:  # a network that is down comes back, or shows as silence
+                pass
         return sent
 
     def close(self) -> None:
@@ -219,12 +232,14 @@ class TcpPort:
         self._rest = b""  # of a message that the kernel has taken a part of
         self._room = memoryview(bytearray(_READ))
         self._retry = _BackOff()
-        self._family, self._where = _resolve(address, socket.SOCK_STREAM)
+        self._address = address
+        self._to = _resolve(address, socket.SOCK_STREAM)
+        self._asking: threading.Thread | None = None  # what has become of the host's address
         if address.kind == "tcpin":
-            self._listener = socket.socket(self._family, socket.SOCK_STREAM)
+            self._listener = socket.socket(self._to[0], socket.SOCK_STREAM)
             # or its own last session is in the way
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            _bind(self._listener, self._where, address)
+            _bind(self._listener, self._to[1], address)
             self._listener.listen(1)
             self._listener.setblocking(False)
             self.address = self._listener.getsockname()
@@ -244,9 +259,13 @@ class TcpPort:
             return ""
         return "nobody has connected" if self._listener else "the peer has closed the connection; trying again"
 
+    @property
+    def busy(self) -> bool:
+        return bool(self._rest)
+
     def wait(self, timeout_s: float) -> bool:
         if self._socket is None and self._listener is None:
-            self._socket = self._retry.attempt(lambda: self._connect(_RECONNECT_S), timeout_s)
+            self._socket = self._retry.attempt(self._reconnect, timeout_s)
             if self._socket is None:
                 return False
         waiting = [end for end in (self._socket, self._listener) if end is not None]
@@ -270,6 +289,7 @@ class TcpPort:
                 break
             pieces.append(bytes(self._room[:count]))
             size += count
+            self._retry.received()
         return b"".join(pieces)
 
     def write(self, data: bytes) -> bool:
@@ -288,11 +308,25 @@ class TcpPort:
         if self._listener is not None:
             self._listener.close()
 
+    def _reconnect(self) -> socket.socket:
+        try:
+            return self._connect(_RECONNECT_S)
+        except OSError:
+            if self._asking is None or not self._asking.is_alive():  # beside the link: a name server may be silent
+                self._asking = threading.Thread(target=self._resolve_anew, name="companion-name", daemon=True)
+                self._asking.start()
+            raise
+
+    def _resolve_anew(self) -> None:
+        with contextlib.suppress(InputError):  # no network, no name server
+            self._to = _resolve(self._address, socket.SOCK_STREAM)
+
     def _connect(self, timeout_s: float) -> socket.socket:
-        end = socket.socket(self._family, socket.SOCK_STREAM)
+        family, where = self._to
+        end = socket.socket(family, socket.SOCK_STREAM)
         try:
             end.settimeout(timeout_s)
-            end.connect(self._where)
+            end.connect(where)
             if end.getsockname() == end.getpeername():  # with itself, and whoever wants to listen there no longer can
                 raise ConnectionRefusedError(errno.ECONNREFUSED, "nobody listens")
         except OSError:
@@ -380,6 +414,7 @@ class SerialPort:
         self._address = address
         self._retry = _BackOff()
         self._first = b""  # read while waiting
+        self.busy = False
         try:
             self._serial: Any = self._open()
         except (OSError, ValueError) as error:  # SerialException is an OSError
@@ -394,6 +429,10 @@ class SerialPort:
             self._serial = self._retry.attempt(self._open, timeout_s)
             if self._serial is None:
                 return False
+        if timeout_s < _WAIT_S:
+            time.sleep(timeout_s)
+            self._first = self._first or self._take()
+            return bool(self._first)
         # pyserial's own waiting, because Windows cannot select on a serial line.
         until = time.monotonic() + timeout_s
         while self._serial is not None and not self._first:
@@ -407,11 +446,13 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> bool:
+        self.busy = False
         if self._serial is None:
             return False
         try:
             self._serial.write(data)
         except self._library.SerialTimeoutException:  # the line is full; a request is sent again
+            self.busy = True
             return False
         except OSError:
             self.close()
@@ -434,10 +475,13 @@ class SerialPort:
             return b""
         try:
             count = self._serial.in_waiting if count is None else count
-            return bytes(self._serial.read(count)) if count else b""
+            data = bytes(self._serial.read(count)) if count else b""
         except (OSError, TypeError):  # TypeError: pyserial's file descriptor became None under it
             self.close()
             return b""
+        if data:
+            self._retry.received()
+        return data
 
 
 def _why_not(address: Address, error: OSError | ValueError) -> str:

@@ -23,6 +23,7 @@ from companion.mavlink import NO_VEHICLES, Messages
 from companion.model import IMU_MESSAGES
 
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
+_EVERYBODY = 0  # as a target: who sends as system or component 0 would have all others obey what is asked of it
 MOST_VEHICLES = 64
 """That are distinguished: a sender that makes up a new one with every heartbeat must not fill the memory."""
 
@@ -56,7 +57,7 @@ class Vehicles:
         who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
         for sysid, compid, autopilot, kind in np.unique(who, axis=0).tolist():
             target = Target(sysid, compid)
-            if autopilot == _NO_AUTOPILOT or kind in NO_VEHICLES or target in self.known:
+            if autopilot == _NO_AUTOPILOT or kind in NO_VEHICLES or target in self.known or _EVERYBODY in target:
                 continue
             if len(self.known) >= MOST_VEHICLES and not (target in self._imu_senders or self._chosen(target)):
                 self.limited = True

@@ -65,6 +65,10 @@ class Packer:
         self._sender.seq = (self._sender.seq + 1) % 256
         return frame
 
+    def sign_after(self, ticks: int) -> None:
+        """Sign later than that whatever the clock says: a receiver drops what is a minute behind."""
+        self._sender.signing.timestamp = max(self._sender.signing.timestamp, ticks)
+
     def frame(self, layout: MessageLayout, payload: bytes) -> bytes:
         """An unsigned MAVLink 2 frame about a payload that is laid out already."""
         sent = payload.rstrip(b"\0") or b"\0"
@@ -122,6 +126,7 @@ class Verifier:
     def __init__(self, key: bytes) -> None:
         self.unsigned = 0  # frames dropped because they carry no signature
         self.wrong = 0  # ... because it is not of our key, or is repeated
+        self.newest = 0  # time of the newest signature that is right
         self._key = key
         self._last: dict[tuple[int, int, int], int] = {}  # link id and sender → time of the last signature
 
@@ -145,4 +150,5 @@ class Verifier:
             self.wrong += 1
             return False
         self._last[sender] = ticks
+        self.newest = max(self.newest, ticks)
         return True

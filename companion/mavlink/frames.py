@@ -29,6 +29,7 @@ from companion.mavlink.headers import Bytes, Headers, Index, gather
 
 STAMP_BYTES = 8  # a tlog has big-endian µs since 1970 before each frame
 NO_STAMP = np.iinfo(np.uint64).max
+_MOST_UNKNOWN = 1024  # ids that are counted where twice as many come: those with the most frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +86,7 @@ class Decoder:
         self._scan = 0  # stream position where the search continues
         self._last_end = 0  # ... where the last accepted frame ended
         self._chain = self._stamp  # ... where the chain of lengths expects the next frame; -1: the chain is broken
-        self._pending: list[int] = []  # ids of unknown frames on the chain since the last accepted one...
+        self._pending: Counter[int] = Counter()  # ids of unknown frames on the chain since the last accepted one...
         self._pending_bytes = 0  # ... with their stamps
         self._bad_end = 0  # end of the last frame counted as bad
         self._gap_bad = 0  # wrong CRCs in the present gap, wherever they begin...
@@ -299,7 +300,8 @@ class Decoder:
                 return
             if self._chain in intact:
                 self._met.append(self._chain)
-                self._pending.append(intact[self._chain])
+                self._pending[intact[self._chain]] += 1
+                _prune(self._pending)
                 self._pending_bytes += size + self._stamp
             self._chain_bad += self._chain in wrong
             self._chain += size + self._stamp
@@ -308,6 +310,14 @@ class Decoder:
         skipped = max(end - begin - self._stamp, 0)
         if proven:
             self.damage.unknown_frames.update(self._pending)
+            _prune(self.damage.unknown_frames)
             skipped -= self._pending_bytes
         self.damage.bad_crc_frames += self._chain_bad if proven else self._gap_bad
         self.damage.skipped_bytes += skipped
+
+
+def _prune(counts: Counter[int]) -> None:
+    """A stranger may make up 16 million ids."""
+    if len(counts) > 2 * _MOST_UNKNOWN:
+        for number, _ in counts.most_common()[_MOST_UNKNOWN:]:
+            del counts[number]

@@ -44,7 +44,7 @@ class Companion(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no ty
         self._counts = Counter[str]()
         self._rates: dict[str, float] = {}
         self._lane = "-"
-        self._status, self._alarms = "", 0  # as shown
+        self._status, self._alarm = "", 0.0  # as shown: the state, and when its last alarm began
 
     def mavlink_packet(self, m: Any) -> None:
         """A packet of the vehicle, as it came."""
@@ -98,8 +98,9 @@ class Companion(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no ty
         fastest = max(self._rates, key=lambda kind: self._rates[kind], default="")
         imu = f"{fastest} {self._rates[fastest]:.0f} Hz" if fastest else "-"
         self.console.set_status("CompanionImu", f"IMU: {imu}  Lane: {self._lane}", row=4)
-        if len(one.alarms) > self._alarms:
-            alarm = one.alarms[-1]
+        alarm = one.alarms[-1] if one.alarms else None
+        if alarm is not None and alarm.first > self._alarm:
+            self._alarm = alarm.first
             self.say(f"companion: {words(alarm.status).upper()}: {alarm.text}")
             if self.options.popup and mp_util.has_wxpython:
                 window = multiproc.Process(target=pop_up, args=(f"companion: {words(alarm.status)}", alarm.text))
@@ -107,7 +108,7 @@ class Companion(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no ty
                 window.start()
         elif status == "consistent" and self._status != status and one.alarms:
             self.say("companion: IMU and autopilot agree again")
-        self._alarms, self._status = len(one.alarms), status
+        self._status = status
 
 
 def pop_up(title: str, text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,15 @@ from companion.links import (
     Request,
     Target,
     is_link,
+    open_port,
     parse_address,
+    play,
     requests,
     transports,
 )
+from companion.mavlink import load_dialect
 from companion.model import InputError
-from tests.links.link import link_frames
+from tests.links.link import link_frames, stamped
 from tests.links.peers import frames_until, ids, listener, serial_cable, udp_peer
 from tests.simulated import free_port
 from tests.waiting import LIMIT_S, wait_for
@@ -352,6 +356,29 @@ def test_a_tcp_peer_may_close_and_come_back() -> None:
                 assert decoded(second.recv(1000))
 
 
+def test_who_takes_each_connection_and_closes_it_is_tried_ever_later() -> None:
+    with listener() as server, Link(f"tcp:127.0.0.1:{server.getsockname()[1]}") as link:
+        server.setblocking(False)
+        taken, until = 0, time.monotonic() + 2.0
+        while time.monotonic() < until:
+            link.receive(0.01)
+            with contextlib.suppress(BlockingIOError):
+                server.accept()[0].close()
+                taken += 1
+    assert 3 <= taken <= 5
+
+
+def test_a_host_that_comes_back_at_another_address_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    with listener() as first, listener() as second:
+        addresses = iter((first, second))
+        there = (socket.AF_INET, socket.SOCK_STREAM, 0, "")
+        monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: [(*there, next(addresses, second).getsockname())])
+        with Link("tcp:vehicle.local:5760") as link:
+            first.accept()[0].close()
+            first.close()
+            accept_while_receiving(second, link)[0].close()
+
+
 def accept_while_receiving(server: socket.socket, link: Link) -> tuple[socket.socket, Any]:
     server.setblocking(False)
     found: list[tuple[socket.socket, Any]] = []
@@ -417,6 +444,14 @@ def test_a_serial_device_may_be_unplugged_and_plugged_in_again(tmp_path: Path) -
             frames_until(link, 5)
 
 
+def test_a_silent_line_is_not_waited_for_longer_than_was_said(tmp_path: Path) -> None:
+    with serial_cable(tmp_path / "ttyACM0"), Link(f"{tmp_path}/ttyACM0") as link:
+        begin = time.monotonic()
+        for _ in range(40):
+            link.receive(0.005)
+        assert time.monotonic() - begin < 1.0
+
+
 def test_a_wrong_baud_rate_is_said(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 256, 500, dtype=np.uint8).tobytes()
     with serial_cable(tmp_path / "ttyUSB0") as cable, Link(f"{tmp_path}/ttyUSB0:9600", patience_s=0.2) as link:
@@ -466,6 +501,22 @@ def test_a_peer_that_is_no_longer_answered_has_sent_something(udp: Link, monkeyp
     assert udp.health.last_frame is not None
     udp.health.last_frame -= 40.0
     assert udp.problem == "silent for 40 s"
+
+
+def test_a_listener_that_has_left_does_not_hold_up_what_is_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "a.tlog"
+    log.write_bytes(b"".join(stamped(frame, 1_700_000_000_000_000) for frame in link_frames(5)))
+    with contextlib.closing(open_port(parse_address("udpin:127.0.0.1:0"))) as port:
+        with udp_peer(port.address[1]) as peer:  # type: ignore[attr-defined]
+            peer.send(b"\0")
+            assert port.wait(LIMIT_S)
+            port.read()
+        monkeypatch.setattr(transports, "_PEER_S", 0.0)
+        until = time.monotonic() + 5.0
+        played = play(log, port, load_dialect(), stop=lambda: time.monotonic() > until)
+    assert (played.sent.total(), played.unheard) == (0, 5)
 
 
 def test_noise_of_a_stranger_does_not_end_a_link_that_is_open_to_all() -> None:

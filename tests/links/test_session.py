@@ -48,6 +48,16 @@ def test_ground_stations_gimbals_and_companions_are_no_vehicles() -> None:
         assert link.health.sent["COMMAND_LONG"] > 0
 
 
+@pytest.mark.parametrize(("sysid", "compid"), [(0, 1), (1, 0)])
+def test_nothing_is_asked_of_who_speaks_as_everybody(sysid: int, compid: int) -> None:
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
+        session = Session(link)
+        peer.send(heartbeat(sysid, kind=2, compid=compid))
+        receive(session, 1)
+        assert session.requested == {}
+        assert set(link.health.sent) == {"HEARTBEAT"}
+
+
 def test_a_chosen_vehicle_is_waited_for() -> None:
     with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
         session = Session(link, choice=Choice(vehicle="2:1"))

@@ -82,6 +82,16 @@ def test_what_we_sign_pymavlink_lets_in() -> None:
     assert {m.get_type() for m in other.parse_buffer(data)} == {"BAD_DATA"}
 
 
+def test_what_we_sign_is_no_older_than_what_the_vehicle_signs() -> None:
+    """A computer that has started without a clock, on a vehicle that has the time of GPS."""
+    vehicle = Signer(late_s=-3600.0)
+    with Link("udpin:127.0.0.1:0", signing_key=KEY) as link, udp_peer(link.port) as peer:
+        peer.send(vehicle.heartbeat())
+        frames_until(link, 1)
+        link.send(requests.heartbeat())
+        assert [m.get_type() for m in vehicle.sender.parse_buffer(peer.heard())] == ["HEARTBEAT"]
+
+
 def test_the_recording_holds_what_was_let_in_with_its_signatures(tmp_path: Path) -> None:
     path = tmp_path / "a.tlog"
     with Link("udpin:127.0.0.1:0", signing_key=KEY) as link, udp_peer(link.port) as peer, Recorder(path) as recorder:

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from companion.links import Choice, StreamManager, Target
-from companion.links.request_table import desired_from, fit, load
+from companion.links.request_table import RequestState, desired_from, fit, load
 from companion.links.requests import set_interval
 from companion.links.restoration import OriginalRatesFile
 from companion.mavlink import Decoder, Packer, load_dialect, split_messages
 from companion.simulate import Faults, SimulatedVehicle, fly
 from companion.telemetry import NEEDED
+from tests.links.peers import deaf
 
 pytestmark = pytest.mark.slow
 
@@ -407,6 +408,41 @@ def test_who_never_answers_has_taken_nothing() -> None:
     restoration = rates.restore()
     assert restoration.requests()
     assert (restoration.unconfirmed, restoration.end()) == ((), "")
+
+
+def test_a_run_that_is_not_heard_leaves_what_an_earlier_one_found_to_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    killed = Conversation(wanted={"RAW_IMU": 100.0}, streams={"RAW_IMU": 4.0}, earlier=OriginalRatesFile(path))
+    killed.run(5.0)
+    vehicle, receive = killed.vehicle, killed.vehicle.receive
+    vehicle.receive = deaf  # type: ignore[method-assign]
+    mute = Conversation(wanted={"RAW_IMU": 100.0}, vehicle=vehicle, begin=killed.t, earlier=OriginalRatesFile(path))
+    mute.run(5.0)
+    mute.leave()
+    assert "has not confirmed that RAW_IMU is sent as before" in mute.rates.restore().end()
+    vehicle.receive = receive  # type: ignore[method-assign]
+    heard = Conversation(wanted={"RAW_IMU": 100.0}, vehicle=vehicle, begin=mute.t, earlier=OriginalRatesFile(path))
+    heard.run(5.0)
+    heard.leave()
+    assert vehicle.interval_us("RAW_IMU") == 250_000
+
+
+def test_an_interval_of_ours_is_known_after_a_later_request_was_lost() -> None:
+    """A link that loses more and more is asked for less, and then is silent for a while."""
+    talk = Conversation(wanted={"RAW_IMU": 100.0}, streams={"RAW_IMU": 4.0})
+    talk.run(5.0)
+    receive = talk.vehicle.receive
+    talk.vehicle.receive = deaf  # type: ignore[method-assign]
+    (message,) = talk.rates.stream_requests
+    message.requested_hz = 50.0
+    message.move(RequestState.ASKING, 0.0)
+    talk.run(0.5)
+    talk.t += 4.0
+    talk.vehicle.advance(talk.t)
+    talk.vehicle.receive = receive  # type: ignore[method-assign]
+    talk.run(5.0)
+    talk.leave()
+    assert talk.vehicle.interval_us("RAW_IMU") == 250_000
 
 
 def test_a_slow_message_whose_interval_is_not_known_comes_again() -> None:

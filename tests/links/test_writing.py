@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
+import os
 import time
 from pathlib import Path
 
@@ -65,6 +67,24 @@ def test_a_file_that_has_taken_the_place_of_a_deleted_recording_is_left_alone(tm
         path.unlink()
         path.write_text("somebody else's")
     assert path.read_text() == "somebody else's"
+
+
+def test_a_file_system_that_goes_ends_the_recording_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(_: int) -> os.stat_result:
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    (frame,) = link_frames(1)
+    decoder = Decoder(DIALECT, stamped=False)
+    with Recorder(tmp_path / "a.tlog") as recorder:
+        recorder.write(decoder.push(frame))
+        recorder._looked -= 2.0  # it is time to look whether the file is there
+        monkeypatch.setattr(os, "fstat", gone)
+        recorder.write(decoder.push(frame))
+        assert recorder.frames == 2
+        recorder._end("the disk has gone")
+        monkeypatch.undo()
 
 
 def test_two_that_begin_in_one_second_record_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

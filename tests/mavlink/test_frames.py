@@ -106,6 +106,17 @@ def test_junk_at_a_thousand_places() -> None:
     assert expect(parts).skipped_bytes == junk_bytes
 
 
+@pytest.mark.parametrize("known", [b"", next(link_frames(1))])
+def test_made_up_ids_do_not_fill_the_memory(known: bytes) -> None:
+    decoder = Decoder(load_dialect(), stamped=False, unknown=True)
+    for begin in range(0, 6000, 500):
+        made_up = (unknown_frame(1_000_000 + begin + i, b"x", i % 256) for i in range(500))
+        decoder.push(b"".join(made_up) + known)
+    assert decoder.damage.unknown_frames or decoder._pending
+    assert len(decoder.damage.unknown_frames) <= 2048
+    assert len(decoder._pending) <= 2048
+
+
 def test_a_thousand_frames_of_unknown_ids_are_named_and_nothing_is_skipped() -> None:
     rng = np.random.default_rng(4)
     parts: list[tuple[bytes, bool]] = []
