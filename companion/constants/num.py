@@ -84,6 +84,7 @@ CACHED_BLOCKS = 512  # that stay in the processor's cache
 ONSET_SIGMA_S = 0.05  # 1σ of an onset, at best
 CONVERGED_MISFIT = 1e-3  # no state moves by more than three hundredths of its σ
 UNSETTLED_MISFIT = 1.0  # some state would still move by its σ: what is estimated is not what fits best
+FIELD_SIGMAS = 8.0  # of the Earth's field by the model of it, a third: farther is another minimum of the misfit
 SHORTENED_MIN = 0.1  # of a step, at least, when it is shortened
 SHORTENED_MAX = 0.5
 SHORTENED_TIMES = 2  # at most

@@ -82,8 +82,19 @@ def best_estimate(
         detectable=detectable(linear),
         heading_from=heading,
         notes=setup.notes,
-        converged=settled.gain < num.UNSETTLED_MISFIT,
+        converged=settled.gain < num.UNSETTLED_MISFIT and _is_field_of_the_place(setup, states),
     )
+
+
+def _is_field_of_the_place(setup: Setup, states: States) -> bool:
+    """Whether the Earth's field of an estimate may be that of the place.
+
+    On one heading iron may stand for all of it that is level: where gyro and compass contradict each other, that fits
+    both, and the heading is any.
+    """
+    place, _ = CONSTANTS["earth_field"]
+    apart = (states.constants[place] - setup.constants[place]) / setup.constants_sigma[place]
+    return float(np.linalg.norm(apart)) < num.FIELD_SIGMAS
 
 
 def explained(

@@ -107,8 +107,10 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
 
     sensor: "gyro", "accel", "compass", or "scale". values: (N,) their errors, all measured by one estimate that is off
     by sigma; own: (N,) 1σ of each beside that.
+
+    A fault may be as large as the largest error: what is beyond any, as of other units, is no error of all the others.
     """
-    usual, large = _usual(sensor), harm.CONSTANT_FAULT_SIGMA[sensor]
+    usual, large = _usual(sensor), max(harm.CONSTANT_FAULT_SIGMA[sensor], float(np.abs(values).max()))
     count = len(values)
     weights, sets = [], []
     for faulty in product((False, True), repeat=count):

@@ -40,6 +40,12 @@ def test_its_probability_grows_with_its_size() -> None:
     assert (np.diff(shares) >= 0).all()
 
 
+@pytest.mark.parametrize("size", [3.0, 34.9])
+def test_beside_one_that_is_off_by_more_than_any_fault_the_others_are_in_order(size: float) -> None:
+    assert (probability("gyro", 0.0, size) > ACCUSED).tolist() == [False, True]
+    assert (probability("gyro", size, size) < ACCUSED).all(), "an error of the estimate"
+
+
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_what_all_imus_read_alike_is_an_error_of_the_estimate(sensor: str) -> None:
     part = 0.5 * healthy.USUAL_BIAS[sensor]

@@ -790,3 +790,20 @@ def test_a_gyro_whose_finer_message_goes_on_is_not_stuck_though_another_imu_step
     assert "stuck_axis" not in {f.kind for f in found.verdict.findings}
     assert found.verdict.cause is not None
     assert (found.verdict.cause.kind, found.verdict.cause.imu) == ("gyro_bias", 1)
+
+
+@pytest.mark.parametrize("kind", ["frozen", "gyro_noise"])
+def test_an_imu_that_was_not_judged_is_named_with_what_it_reads(kind: str) -> None:
+    flight = flown()
+    own = flight.imu()
+    t, noise = own.t, np.random.default_rng(2).standard_normal(own.gyro.shape)
+    gyro, accel = own.gyro + 1e-4 * noise, own.accel + 1e-3 * noise
+    if kind == "frozen":
+        gyro, accel = (np.where((t > 35.0)[:, None], one[np.argmax(t > 35.0)], one) for one in (gyro, accel))
+    else:
+        gyro = gyro + 0.05 * noise * [0.0, 1.0, 0.0] * ((t > 35.0) & (t < 45.0))[:, None]
+    other = replace(own, gyro=gyro, accel=accel, source="SCALED_IMU2", instance=1)
+    verdict = assess(replace(flight, imus={**flight.imus, other.source: other}), GENERIC).verdict
+    assert verdict.status == "imu_suspect"
+    assert verdict.cause is not None
+    assert (verdict.cause.kind, verdict.cause.imu) == (kind, 1)

@@ -76,6 +76,18 @@ def test_a_frozen_sensor_is_named_and_its_readings_are_taken_out(name: str) -> N
     assert seen.imus is flight.imus
 
 
+def test_what_is_frozen_in_flight_is_no_reading_after_the_landing_either() -> None:
+    flight = flown()
+    one = flight.compasses[0]
+    stopped = np.where((one.t >= BEGIN)[:, None], one.field[np.argmax(one.t >= BEGIN)], one.field)
+    landed = (*flight.events, c.Event(50.0, "disarmed", "disarmed"))
+    left, (said,) = screened_aiding(
+        replace(flight, compasses=(replace(one, field=stopped),), events=landed), flight.imu()
+    )
+    assert said.end_s == pytest.approx(50.0, abs=0.1)
+    assert left.compasses[0].t[-1] == pytest.approx(BEGIN, abs=0.1)
+
+
 def test_a_receiver_may_hold_its_fix_while_a_rover_stands_but_not_while_it_moves() -> None:
     flight = gps(flown(LIVELY))
     rover = replace(flight, vehicle=replace(flight.vehicle, type="GROUND_ROVER"))

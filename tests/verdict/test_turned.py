@@ -119,6 +119,17 @@ def test_another_imu_that_is_turned_is_the_one_that_is_accused(number: int) -> N
     assert of_kind(verdict, "axes_wrong").evidence.startswith("IMU 1 (SCALED_IMU2), beside IMU 0")
 
 
+def test_another_imu_of_other_units_is_the_one_that_is_accused() -> None:
+    flight = flown()
+    other = second(flight)
+    other = replace(other, gyro=np.degrees(other.gyro))
+    verdict = assess(replace(flight, imus={**flight.imus, other.source: other}), GENERIC).verdict
+    (said,) = (f for f in verdict.findings if f.severity == "error")
+    assert said.cause is not None
+    assert (said.kind, said.cause.imu) == ("units_wrong", 1)
+    assert "degrees, where radians are meant" in verdict.summary
+
+
 def test_without_a_compass_neither_of_two_imus_is_accused(best: BestEstimate) -> None:
     flight = flown(compasses=())
     other = mounted(second(flight), 2)

@@ -59,7 +59,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack | None) -> tuple[Flight, list[
     def without(track: _Track) -> _Track:
         kept = np.ones(len(track), np.bool_)
         for first, last in _frozen(track, aloft, flight, imu):
-            kept[first + 1 : last + 1] = False
+            kept[first + 1 : last + 1 + _goes_on(track, last)] = False
             faults.append(_finding(track, float(track.t[first]), float(track.t[last])))
         if isinstance(track, BarometerTrack):
             coldest, hottest = healthy.BAROMETER_DEGC
@@ -117,6 +117,12 @@ def _frozen(track: _Track, aloft: Sequence[Span], flight: Flight, imu: ImuTrack 
             no_chance = p < check.REPEATS_SELDOM and not by_chance and not holds
             if no_chance or _should_have_changed(track, slice(i + a, i + b + 1), flight, imu):
                 yield i + a, i + b
+
+
+def _goes_on(track: _Track, last: int) -> int:
+    """How many readings after one are the same still: what is frozen in flight is no reading after it either."""
+    same = _unchanged(track)[last:]
+    return int(np.argmin(np.append(same, False)))
 
 
 def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:

@@ -90,8 +90,8 @@ def turned_others(
 ) -> list[Finding]:
     """Other IMUs of the vehicle that are turned against one, which is itself in order by faults, those of its readings.
 
-    Which of the two is told by a compass, that reads the Earth's field in the axes of one of them; without one neither
-    is accused.
+    Or of other units than that one. Which of two that are turned is told by a compass, that reads the Earth's field in
+    the axes of one of them; without one neither is accused.
     """
     if any(f.kind in _CAUSES for f in faults):
         return []
@@ -101,8 +101,14 @@ def turned_others(
     out = []
     for other in _others(flight, track):
         motion = _beside(track, other)
-        fitting = None if motion is None or [*_unit_findings(other, motion)] else _fitting(motion)
-        if fitting is None:
+        if motion is None:
+            continue
+        if units := [*_unit_findings(other, motion, f"IMU {track.instance} ({track.source})")]:
+            cause, whose = Cause("units_wrong", "imu", float(other.t[0]), imu=other.instance), f"IMU {other.instance}"
+            words = [f"{whose} ({other.source}): {f.evidence}" for f in units]
+            out += [replace(f, evidence=w, headline=w, cause=cause) for f, w in zip(units, words, strict=True)]
+            continue
+        if (fitting := _fitting(motion)) is None:
             continue
         turn, how = fitting
         evidence = f"IMU {other.instance} ({other.source}), beside IMU {track.instance} ({track.source}): {how}"
@@ -237,7 +243,7 @@ def _motion(comparison: Comparison) -> _Motion | None:
     return _Motion(turned / seconds, gyro, pull, accel)
 
 
-def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
+def _unit_findings(track: ImuTrack, motion: _Motion, by: str = "the autopilot's estimate") -> Iterator[Finding]:
     """A sensor reads a multiple of the motion, the same about every axis: no fault of a sensor, but of its units."""
     moves = length(motion.turn) > healthy.AXES_MISFIT  # less is what a bias and an estimate that aligns come to
     turn, gyro = motion.turn[moves], motion.gyro[moves]
@@ -248,7 +254,7 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
         meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < check.UNIT_TOLERANCE)
         reads = f"{SENSOR_WORDS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]}"
         alike = f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
-        evidence = f"{reads} by the autopilot's estimate, {alike}"
+        evidence = f"{reads} by {by}, {alike}"
         mavlink = "MAVLink has mrad/s and thousandths of g in SCALED_IMU and RAW_IMU, rad/s and m/s² in HIGHRES_IMU"
         advice = f"Mend the units where {track.source} is sent: {mavlink}. Until then take another IMU: --imu."
         yield Finding("units_wrong", "imu", "error", *ends_of(track.t), evidence, advice)

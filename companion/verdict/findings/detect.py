@@ -47,7 +47,13 @@ from companion.verdict.findings.outages import (
     poor_gps_findings,
     reset_findings,
 )
-from companion.verdict.findings.readings import lags, rate_findings, reading_findings, stamp_findings
+from companion.verdict.findings.readings import (
+    frozen_findings,
+    lags,
+    rate_findings,
+    reading_findings,
+    stamp_findings,
+)
 from companion.verdict.findings.settings import setting_findings
 from companion.verdict.findings.stuck import stuck_findings
 from companion.verdict.findings.vibration import noise_findings, noisier_findings, vibration_findings
@@ -133,10 +139,11 @@ def _until_landed(findings: Iterable[Finding], landed: float) -> list[Finding]:
 
 
 def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
-    """Axes that are stuck on the IMUs that were not judged: each sensor's once, whichever message tells of it.
+    """What stands still or becomes noisy on the IMUs that were not judged: each once, whichever message tells of it.
 
-    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone. Gyros only: in a calm
-    hover an accelerometer of coarse steps and no noise reads the same for long beside one that has some.
+    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone. Of a single sensor that
+    is stuck, gyros only: in a calm hover an accelerometer of coarse steps and no noise reads the same for long beside
+    one that has some. Of what is noisier for a while, what another IMU does not feel.
     """
     parts = phases(flight)
     aligned = aligned_at(parts)
@@ -145,11 +152,30 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
             continue
-        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), flight.imus.values(), ("gyro",))
-        mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
+        still = [*frozen_findings(track, flight.require_attitude(), flight.armed(track.t, track.t))]
+        own = compare(flight, track=track, how=comparison.how)
+        still += stuck_findings(own, flight.imus.values(), ("gyro",))
+        mine = [f for f in still if f.end_s > aligned and f.start_s < lost]
         mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
         reported |= {(track.instance, _sensor(f)) for f in mine}
-        yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
+        yield from (_of_imu(track, f) for f in mine)
+    every, judged = flight.each_imu(), comparison.track.instance
+    for track in (one for one in every if one.instance != judged):
+        rest = [one for one in every if one.instance != track.instance]
+        noisier = [f for f in noisier_findings(track, rest, _arming(flight)) if f.severity == "error"]
+        mine = [f for f in noisier if f.start_s < lost and (track.instance, _sensor(f)) not in reported]
+        yield from (_of_imu(track, f) for f in mine if (track.instance, "") not in reported)
+
+
+def _of_imu(track: ImuTrack, finding: Finding) -> Finding:
+    """A finding of an IMU that was not judged, with whose it is."""
+    cause = finding.cause or Cause(finding.kind, "imu", finding.start_s, finding.end_s)
+    return replace(finding, evidence=f"{track.source}: {finding.evidence}", cause=replace(cause, imu=track.instance))
+
+
+def _arming(flight: Flight) -> list[float]:
+    """When it was armed and disarmed, s."""
+    return sorted(e.t for e in flight.events if e.kind in {"armed", "disarmed"})
 
 
 def _sensor(finding: Finding) -> str:
@@ -184,8 +210,7 @@ def findings(
     all_findings += [*interference_findings(flight), *poor_gps_findings(flight)]
     all_findings += noise_findings(comparison, noise, imu_spec, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    arming = sorted(e.t for e in flight.events if e.kind in {"armed", "disarmed"})
-    for f in noisier_findings(comparison.track, apart, arming):  # invalid readings are no noise
+    for f in noisier_findings(comparison.track, apart, _arming(flight)):  # invalid readings are no noise
         unread = (one for one in faults if f.start_s < one.end_s and f.end_s > one.start_s)
         if not any(f.kind.startswith(_sensor(one)) for one in unread):
             all_findings.append(f)

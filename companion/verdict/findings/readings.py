@@ -23,7 +23,7 @@ def reading_findings(
 
     armed: (N,) whether the vehicle is, at the samples of the track; None where that is not known.
     """
-    yield from _frozen(track, attitude, np.zeros(len(track), np.bool_) if armed is None else armed)
+    yield from frozen_findings(track, attitude, armed)
     for name, full, unit in (("gyro", imu.gyro.full_scale, "rad/s"), ("accel", imu.accel.full_scale, "m/s²")):
         readings, step = read_by(track, name)
         at = (np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, step, track.rate_hz)
@@ -41,13 +41,15 @@ def reading_findings(
             yield Finding(f"{name}_clipping", "imu", severity, start, end, evidence, advice, cause=cause)
 
 
-def _frozen(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray) -> Iterator[Finding]:
+def frozen_findings(track: ImuTrack, attitude: AttitudeTrack, armed: BoolArray | None = None) -> Iterator[Finding]:
     """Stretches in which no axis changes, of half a second or more, while the autopilot's attitude tilts.
 
     A vehicle at rest reads the same whole milli-units for ever, while the estimator may still correct its tilt. So
     where no noise shows in the readings, the attitude has to turn by many of their steps a second; and readings without
     steps, as a simulator's, are none then. The noise is that with the motors as they are: some show it only in flight.
+    armed: as for `reading_findings`.
     """
+    armed = np.zeros(len(track), np.bool_) if armed is None else armed
     change = np.abs(np.diff(track.gyro, axis=0)).sum(axis=1) + np.abs(np.diff(track.accel, axis=0)).sum(axis=1)
     first, last = run_edges(np.asarray(change == 0))
     lasted = track.t[last + 1] - track.t[first]
