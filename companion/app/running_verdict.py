@@ -52,7 +52,7 @@ _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a 
 _BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
 _BEGINS_S = 30.0  # since arming or take-off: what a verdict rests on is only gathered then
 # of one piece: more causes are seldom faults, and so many take some two seconds with what they are used for
-_EFFORT = Effort(keyframes=120, most_causes=2, most_linearisations=80)
+_EFFORT = Effort(keyframes=120, most_causes=2, most_linearisations=80, looks_again=80)
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"

@@ -44,6 +44,7 @@ class Effort:
     keyframes: int = num.KEYFRAMES  # about so many, in proportion to which all of it takes time
     most_causes: int = num.MAX_EXPLAINED  # that are explained: each takes as long as the estimate itself
     most_linearisations: float = num.MOST_LINEARISATIONS  # after which no further cause is sought
+    looks_again: float = np.inf  # linearisations of it, after which nothing is sought in the readings by it
 
 
 def smooth(

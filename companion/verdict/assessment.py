@@ -217,7 +217,7 @@ def assess(
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     estimate = partial(smooth, confusion=confusion, effort=effort)
-    made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ, effort.most_linearisations)
+    made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ, effort.looks_again)
     best = made if isinstance(made, BestEstimate) else None
     turned = turned_others(seen, judged.track, faults := [*faults, *more, *frozen], best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
@@ -269,7 +269,7 @@ def _best(
     before: BestEstimate | None,
     estimate: Callable[..., BestEstimate],
     differ: bool,
-    most: float,
+    looks_again: float,
 ) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are invalid; or why there is none.
 
@@ -277,7 +277,7 @@ def _best(
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
     GPS tells of these: a compass and gravity by themselves fit many ways.
     uncontrolled: spans (s, boot clock) in which the vehicle is out of control. estimate: `smooth`. differ: whether so
-    many windows that they are judged are outside of what is expected. most: linearisations of the
+    many windows that they are judged are outside of what is expected. looks_again: linearisations of the
     estimate, after which the readings are not looked at again.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
@@ -297,15 +297,15 @@ def _best(
         except NoEstimateError:
             return why, []
     righted, new, turned_itself = flight, list[Finding](), any(f.kind == "axes_wrong" for f in faults)
-    if best.linearisations < most:
+    if best.linearisations < looks_again:
         new = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
         if not new and not turned_itself:
             righted, new = righted_compasses(flight, best, again)
     if new:
         every = [*faults, *new]
-        best_so, more = _best(righted, comparison, every, uncontrolled, before, estimate, differ, most)
+        best_so, more = _best(righted, comparison, every, uncontrolled, before, estimate, differ, looks_again)
         return best_so, [*new, *more]
-    if not differ or "gps_position" not in best.residuals or turned_itself or best.linearisations >= most:
+    if not differ or "gps_position" not in best.residuals or turned_itself or best.linearisations >= looks_again:
         return best, []
     other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
