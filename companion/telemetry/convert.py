@@ -10,9 +10,8 @@ ArduPilot sends beside the one that flies: AHRS2, DCM while an EKF flies, and AH
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -24,6 +23,7 @@ from companion.model import (
     Array,
     AttitudeTrack,
     BiasTrack,
+    BoolArray,
     EstimatorLane,
     ImuTrack,
     Origin,
@@ -215,11 +215,22 @@ def turned_vectors(t: Array, vectors: Array, turns: Turns) -> Array:
     if len(turns) == 1:
         return vectors if turns[0][1] is None else np.asarray(vectors @ turns[0][1].T)
     out = vectors.copy()
-    for (begin, turn), (end, _) in pairwise((*turns, (np.inf, None))):
-        now = (t >= begin) & (t < end)
+    for now, turn in in_force(t, turns):
         if turn is not None:
             out[now] = vectors[now] @ turn.T
     return out
+
+
+Setting = TypeVar("Setting")
+
+
+def in_force(t: Array, settings: Sequence[tuple[float, Setting]]) -> Iterator[tuple[BoolArray, Setting]]:
+    """Which of times t (N,) s each of several settings holds at, where it does; from when on and what, in order."""
+    ends = (*(begin for begin, _ in settings[1:]), np.inf)
+    for (begin, setting), end in zip(settings, ends, strict=False):  # of none there is no end
+        now = (t >= begin) & (t < end)
+        if now.any():
+            yield now, setting
 
 
 def attitude(messages: Messages, notes: list[str]) -> AttitudeTrack | None:

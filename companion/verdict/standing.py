@@ -168,8 +168,10 @@ def carried_on(
     kept: list[StandingFault] = []
     for fault in standing:
         own = [f for f in new if _same(fault.finding, f) or _is_beside(fault.cause, stated_cause(f), best)]
-        until = fault.seen_s if fault.cause.kind in (*_OUTAGES, *_STILL) else fault.over_s  # of those no end looks new
-        mine = [f for f in own if fault.over_s is None or until is None or f.start_s < until]
+        over = fault.over_s
+        if over is not None and fault.cause.kind in (*_OUTAGES, *_STILL):  # their end looks like no other fault
+            over = fault.seen_s
+        mine = [f for f in own if over is None or f.start_s < over]
         new, again = [f for f in new if f not in mine], next(iter(mine), None)
         if again is not None and _was_there(again, flight):  # of its onset this piece knows nothing
             kept.append(replace(fault, probability=1.0, seen_s=end))

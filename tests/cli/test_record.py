@@ -233,14 +233,20 @@ def test_a_closed_terminal_ends_nothing(tmp_path: Path) -> None:
     assert len(c.open_log(log)) >= 1
 
 
-def test_a_reader_that_reads_nothing_makes_it_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A full pipe takes no line; to write one all the same would wait for ever."""
+def full_pipe() -> tuple[int, int]:
+    """Both ends of a pipe that takes nothing more."""
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     with contextlib.suppress(BlockingIOError):
         while os.write(writing, b"x" * 4096):
             pass
     os.set_blocking(writing, True)
+    return reading, writing
+
+
+def test_a_reader_that_reads_nothing_makes_it_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full pipe takes no line; to write one all the same would wait for ever."""
+    reading, writing = full_pipe()
     with os.fdopen(writing, "w") as full:
         monkeypatch.setattr(sys, "stderr", full)
         live.say("a line")
@@ -251,12 +257,7 @@ def test_a_reader_that_reads_nothing_makes_it_wait_for_nothing(monkeypatch: pyte
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipe there can be asked")
 def test_a_line_of_which_a_reader_takes_a_part_is_ended_before_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     """One of many alarms is longer than what a pipe with little room takes at once."""
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    with contextlib.suppress(BlockingIOError):
-        while os.write(writing, b"x" * 4096):
-            pass
-    os.set_blocking(writing, True)
+    reading, writing = full_pipe()
     os.read(reading, 4096)
     with os.fdopen(writing, "w") as pipe:
         monkeypatch.setattr(sys, "stdout", pipe)

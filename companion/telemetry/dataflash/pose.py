@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from companion.model import (
 )
 from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
-from companion.telemetry.convert import Trims
+from companion.telemetry.convert import Trims, in_force
 from companion.telemetry.dataflash.cores import Ekf
 from companion.telemetry.parameters import NOT_EKF
 from companion.telemetry.samples import BoolArray, attitude_track, attitudes, place, position_track
@@ -174,9 +173,8 @@ def epoch(records: Mapping[str, Records]) -> Epoch | None:
 def in_frame(t: Array, q: Array, trims: Trims) -> Array:
     """Attitudes (N, 4) of the vehicle at times t (N,) s as those of its IMU: AHRS_TRIM turns them."""
     out = q.copy()
-    for (begin, level), (end, _) in pairwise((*trims, (np.inf, None))):
+    for now, level in in_force(t, trims):
         if level is not None:
-            now = (t >= begin) & (t < end)
             w, x, y, z = from_euler(*level, 0.0)  # the Hamilton product with this one from the right
             out[now] = q[now] @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
     return out

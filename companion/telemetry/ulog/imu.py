@@ -17,13 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from companion.model import ORIENTATIONS, Array, ImuTrack, ParameterChange, SensorInUse, interpolated
 from companion.telemetry.clock import LONGEST_WAIT_S
-from companion.telemetry.convert import euler_matrix
+from companion.telemetry.convert import euler_matrix, in_force
 from companion.telemetry.parameters import part_ranges
 from companion.telemetry.samples import finite_rows, imu_track, increasing, not_zero
 from companion.telemetry.ulog.topics import Topic, Topics, commonest_device, instances, sampled
@@ -181,10 +180,8 @@ def _sensors(topics: Topics, of: str, kind: str, settings: Calibrations) -> Iter
         keep = increasing(t, np.isfinite(t) & finite_rows(values))
         own = None if interval is None else interval[keep]
         t, values = t[keep], values[keep]
-        for (begin, parameters), (end, _) in pairwise((*settings, (np.inf, {}))):
-            now = (t >= begin) & (t < end)
-            if now.any():
-                values[now] = _calibrated(values[now], kind, device, parameters)
+        for now, parameters in in_force(t, settings):
+            values[now] = _calibrated(values[now], kind, device, parameters)
         yield _Readings(name, t, values, own, device, most)
 
 
