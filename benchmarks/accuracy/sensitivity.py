@@ -66,6 +66,7 @@ def fault_rates(times: float) -> Iterator[None]:
 def log_evidence(times: float) -> Iterator[None]:
     """The log evidence of every hypothesis multiplied, in this process."""
     moved, constant = smoother._as_moved, constant_faults.fault_probabilities
+    misfit = smoother.whole_misfit
 
     def weaker(*args: Any, **keywords: Any) -> Trial:
         one = trial(*args, **keywords)
@@ -84,6 +85,7 @@ def log_evidence(times: float) -> Iterator[None]:
     with (
         mock.patch.object(search, "trial", weaker),
         mock.patch.object(smoother, "_as_moved", weaker_moved),
+        mock.patch.object(smoother, "whole_misfit", lambda problem: times * misfit(problem)),
         mock.patch.object(constant_faults, "fault_probabilities", weaker_constant),
     ):
         yield

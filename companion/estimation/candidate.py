@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.constants import num, priors
 from companion.estimation.differences import score_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.hypotheses import Hypothesis, Signature
-from companion.estimation.model import Explained, Rival
-from companion.estimation.shapes import activation
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, Explained, Rival
+from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.system import Problem
 from companion.model import Array
+from companion.strapdown import skew
+
+_FIELD, _ = CONSTANTS["earth_field"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +44,17 @@ class Candidate:
         onset_sigma = max(one.onset_sigma, num.ONSET_SIGMA_S)
         return cls(one.hypothesis, one.shape, float(one.onset[i]), float(one.end[i]), onset_sigma, int(one.axis[i]),
                    one.log_odds, one.fault, one.imu)  # fmt: skip
+
+    def change_of_field(self, t: Array, level: complex, size: complex) -> npt.NDArray[np.complex128]:
+        """(M,) µT, north + i east: what the level part of the Earth's field changes by at times t (M,).
+
+        What steps does so by its size; what grows turns evenly, from where it is `level`, and as evenly gets stronger.
+        """
+        share = activation(self.shape, np.array([self.onset]), np.array([self.end]), t, t)[0]
+        if self.shape not in SLOPED:
+            return np.asarray(share * size)
+        grown = share * size / level
+        return np.asarray(level * ((1.0 + grown.real) * np.exp(1j * grown.imag) - 1.0))
 
     @property
     def name(self) -> tuple[str, str, int | None]:
@@ -92,6 +109,46 @@ def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
         constants_sigma=np.concatenate((problem.prior.constants_sigma, sigma)),
     )
     return replace(problem, motion=motion, measurements=tuple(measurements), prior=prior)
+
+
+def about_sizes(problem: Problem, accepted: Sequence[Candidate], sizes: Array) -> Problem:
+    """The problem with a compass whose field has turned by what it was found to, sizes (m,), of what is accepted.
+
+    Its columns are the derivatives there, and its residuals those of sizes that are counted from zero.
+    """
+    compass = problem.measurement("compass")
+    if compass is None or not sizes.any() or not any(one.hypothesis.turns_field for one in accepted):
+        return problem
+    of_field, level = compass.constants[..., _FIELD], complex(*problem.states.constant("earth_field")[:2])
+    changed, by_level = np.zeros(len(compass.t), np.complex128), np.zeros((len(compass.t), 2, 2))
+    constants, residual, first = compass.constants.copy(), compass.residual.copy(), CONSTANT_STATES
+    for one in accepted:
+        width = 0 if (signature := one.of(problem)) is None else signature.unknowns
+        own, first = slice(first, first + width), first + width
+        if not one.hypothesis.turns_field:
+            continue
+        which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 2), np.zeros(2)
+        size[which] = sizes[own.start - CONSTANT_STATES : own.stop - CONSTANT_STATES]
+        found = complex(*size)
+        changed += one.change_of_field(compass.t, level, found)
+        by_level += _jacobian(partial(one.change_of_field, compass.t, size=found), level)
+        by_size = _jacobian(partial(one.change_of_field, compass.t, level), found)
+        constants[..., own] = (of_field[..., :2] @ by_size)[..., which]
+        residual += constants[..., own] @ size[which]
+    offset = np.column_stack((changed.real, changed.imag, np.zeros(len(changed))))
+    residual -= (of_field @ offset[..., None])[..., 0]
+    states = compass.states.copy()
+    states[..., ATTITUDE] += of_field @ skew(offset)
+    constants[..., _FIELD.start : _FIELD.start + 2] += of_field[..., :2] @ by_level
+    turned = replace(compass, residual=residual, states=states, constants=constants)
+    return replace(problem, measurements=tuple(turned if m is compass else m for m in problem.measurements))
+
+
+def _jacobian(changed: Callable[[complex], npt.NDArray[np.complex128]], at: complex) -> Array:
+    """(M, 2, 2) of north and east by north and east, of M complex functions of a complex number."""
+    step = num.FIELD_STEP
+    columns = [(changed(at + way) - changed(at - way)) / (2.0 * step) for way in (step, 1j * step)]
+    return np.stack([np.column_stack((one.real, one.imag)) for one in columns], axis=2)
 
 
 def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:

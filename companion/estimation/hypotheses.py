@@ -124,6 +124,7 @@ class Hypothesis:
     max_plausible: float = np.inf  # no such fault is larger: such readings are invalid, or something else is wrong
     integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
     time_shifts: tuple[str, ...] = ()  # aiding sensors whose readings speak of another time: linear in small sizes
+    turns_field: bool = False  # whether it turns the field that a compass reads: linear in small sizes
 
     @property
     def sensor(self) -> str:
@@ -240,8 +241,8 @@ def _field(problem: Problem) -> Signature | None:
     one = problem.well_observed("compass")
     if one is None:
         return None
-    matrix = quaternion.to_matrix(problem.states.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
-    return Signature(None, {"compass": matrix[:, :, :2]})
+    place = CONSTANTS["earth_field"][0]
+    return Signature(None, {"compass": one.constants[:, :, place.start : place.start + 2]})
 
 
 def _rotation(problem: Problem) -> Signature | None:
@@ -320,7 +321,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
          device="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
-         signature=_field, rate=0.3),
+         signature=_field, rate=0.3, turns_field=True),
     Hypothesis("compass_turn", "the compass turns in its mounting",
          partial(by_number, "the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",

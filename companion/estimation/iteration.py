@@ -75,12 +75,12 @@ class Step:
 
         Raises numpy.linalg.LinAlgError where the problem has no finite solution.
         """
-        solution, prior = linear.solution, linear.prior
+        solution = linear.solution
         if not (np.isfinite(solution.x).all() and np.isfinite(solution.c).all()):
             raise np.linalg.LinAlgError("a step of the iteration is not finite")
         information = tuple(one.information for one in linear.measurements)
         begin = _misfit(linear, sizes, linear.motion.weight, information)
-        end = misfit(linear) + _of_prior(prior, prior.residual - solution.x[0], prior.constants_residual - solution.c)
+        end = whole_misfit(linear)
         point = Point(linear.states, sizes)
         return cls(point, solution.x, solution.c, linear.motion.weight, information, begin, begin - end)
 
@@ -143,6 +143,12 @@ def _misfit(linear: Problem, sizes: Array, weight: Array, information: Sequence[
     return squares(motion.residual + motion.constants[..., known] @ sizes, weight, measured) + _of_prior(
         prior, prior.residual, constants
     )
+
+
+def whole_misfit(linear: Problem) -> float:
+    """The sum of the squares of all that the solution leaves, each divided by its σ, and of the priors."""
+    solution, prior = linear.solution, linear.prior
+    return misfit(linear) + _of_prior(prior, prior.residual - solution.x[0], prior.constants_residual - solution.c)
 
 
 def _of_prior(prior: Prior, states: Array, constants: Array) -> float:
@@ -308,6 +314,7 @@ class Adaptation:
     settled: Start
     linear: Problem
     rivals: tuple[Rival, ...] = ()
+    is_linear: bool = True  # whether all estimates that it was chosen among are so near that what is linear there tells
     linearisations: int = 0  # of all estimates that it was chosen among
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
-from companion.estimation.candidate import Candidate, with_candidate
+from companion.estimation.candidate import Candidate, about_sizes, with_candidate
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -111,9 +111,11 @@ def linearise(
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(setup.t, states, setup.gravity, motion, tuple(measurements), _prior(setup, states, slow), noise,
-                      turned, sums, variance, setup.aliased, setup.others, setup.shock_rate)  # fmt: skip
+                      turned, sums, variance, setup.aliased, setup.others, setup.shock_rate,
+                      setup.relative_noise)  # fmt: skip
     for candidate in accepted:
         problem = with_candidate(problem, candidate)
+    problem = about_sizes(problem, accepted, sizes)
     _predict(setup, pim, states, problem.motion, shift, sizes)
     return problem
 

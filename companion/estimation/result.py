@@ -31,6 +31,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.search import detectable
 from companion.estimation.setup import Setup
+from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Motion, Problem, measurement_residual
 from companion.model import Array
 
@@ -82,11 +83,11 @@ def best_estimate(
         detectable=detectable(linear),
         heading_from=heading,
         notes=setup.notes,
-        converged=settled.gain < num.UNSETTLED_MISFIT and _is_field_of_the_place(setup, states),
+        converged=settled.gain < num.UNSETTLED_MISFIT and is_field_of_the_place(setup, states),
     )
 
 
-def _is_field_of_the_place(setup: Setup, states: States) -> bool:
+def is_field_of_the_place(setup: Setup, states: States) -> bool:
     """Whether the Earth's field of an estimate may be that of the place.
 
     On one heading iron may stand for all of it that is level: where gyro and compass contradict each other, that fits
@@ -117,6 +118,8 @@ def explained(
         changed[:] = at + np.arange(len(changed))
         at += len(changed)
         size = np.where(own >= 0, solution.c[own] + candidate.taken, 0.0)
+        if candidate.hypothesis.turns_field and candidate.shape in SLOPED:  # as what leads straight to where it ends
+            size = _straight(candidate, size, problem)
         out.append((candidate, others, size, slice(len(columns), len(columns) + len(own))))
         columns += own.tolist()
     known = np.array(columns, dtype=np.intp)
@@ -125,6 +128,14 @@ def explained(
     parts = [one.explained(size, sigma[place], others, place) for one, others, size, place in out]
     parts += _of_others(accepted, rivals, differences)
     return tuple(sorted(parts, key=lambda one: one.onset)), covariance
+
+
+def _straight(candidate: Candidate, size: Array, problem: Problem) -> Array:
+    """(2,) µT/s by which a field that turns evenly would have to grow along a line."""
+    t, level = problem.t[-1:], complex(*problem.states.constant("earth_field")[:2])
+    changed = candidate.change_of_field(t, level, complex(*size))[0]
+    lasted = max(min(candidate.end, float(t[0])) - candidate.onset, num.CHANGE_MIN_S)
+    return np.array([changed.real, changed.imag]) / lasted
 
 
 def _of_others(

@@ -26,15 +26,17 @@ from companion.estimation.iteration import (
     preintegrated,
     resuming,
     start_of,
+    whole_misfit,
 )
 from companion.estimation.learned_noise import doubted_limits, scatter
 from companion.estimation.linearisation import linearise
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, VELOCITY, BestEstimate, Rival, States
-from companion.estimation.result import best_estimate
+from companion.estimation.result import best_estimate, is_field_of_the_place
 from companion.estimation.search import trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
+from companion.strapdown import quaternion
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,7 @@ def explain(
     """
     accepted: list[Candidate] = []
     rivals: list[tuple[Rival, ...]] = []
+    as_weighed = set[int]()  # causes whose rivals are not weighed again beside all others
     start, settled, linear = _begun(setup, starts)
     spent = settled.linearisations
     if (sigma := _bias_sigma(settled.states)) is not None:
@@ -115,6 +118,8 @@ def explain(
             break
         adaptation = next_adaptation(setup, start, settled, linear, accepted, effort.most_linearisations - spent)
         if isinstance(adaptation, Adaptation):
+            if not adaptation.is_linear:
+                as_weighed.add(len(accepted))
             accepted.append(adaptation.candidate)
             rivals.append(adaptation.rivals)
             setup, settled, linear = adaptation.setup, adaptation.settled, adaptation.linear
@@ -123,12 +128,13 @@ def explain(
             further = adaptation
             break
     moves = not settled.complete and settled.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
-    weighed = len(accepted) - 1  # of the last the rivals are by this very estimate
+    again = range(len(accepted) - 1)  # of the last the rivals are by this very estimate
     if moves and any(one.imu is None for one in accepted) and spent < effort.most_linearisations:
         settled, linear = estimate(setup, settled, accepted)
-        weighed = len(accepted)
+        again = range(len(accepted))
     if len(accepted) > 1:
-        rivals[:weighed] = [_rivals(setup, linear, accepted, i) or rivals[i] for i in range(weighed)]
+        for i in set(again) - as_weighed:
+            rivals[i] = _rivals(setup, linear, accepted, i) or rivals[i]
     matrix = confusion_matrix(linear) if confusion else None
     best = best_estimate(setup, settled, linear, accepted, rivals)
     return replace(best, further=further, confusion=matrix, linearisations=spent)
@@ -179,12 +185,17 @@ def next_adaptation(
     IMU is held for noise the states follow late readings.
     most: linearisations, after which no other candidate is tried.
     """
-    anew = settled.noise.contradicts(scatter(setup))
+    astray = not is_field_of_the_place(setup, settled.states)
+    anew = astray or settled.noise.contradicts(scatter(setup))
     begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
     usual = trials(linear)
     candidates = {one.name: (one, begin) for one in _candidates(usual)}
     in_order = not any(one.hypothesis.device == "imu" for one in accepted)
     spent = 0
+    if astray:  # nothing is as it seems there, but where it began
+        first, believed = estimate(setup, begin, accepted, white=True, polish=np.inf, passes=1)
+        spent += first.linearisations
+        candidates = {one.name: (one, begin) for one in _candidates(trials(believed))}
     for limits in doubted_limits(setup, linear, settled.noise, settled.scale, imu_in_order=in_order):
         quieter, believed = estimate(
             setup, begin, accepted, limits, white=True, polish=num.LEARNING_MISFIT, passes=num.TRIAL_PASSES
@@ -193,24 +204,24 @@ def next_adaptation(
         seen = replace(quieter, states=begin.states, near=begin.near)
         for one in _candidates(trials(believed)):
             candidates[one.name] = one, seen if one.hypothesis.time_shifts else begin
-    tried, weighed, failed = _tried(setup, accepted, candidates.values(), most - spent)
-    weighed = weighed or [Candidate.of_trial(one) for one in usual]
-    spent += sum(one.settled.linearisations for one in tried)
-    rivals = tuple(one.rival for one in weighed)
+    weighing = _Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual])
+    _try_out(weighing, candidates.values(), settled.states, most - spent)
     impossible = set[str]()
-    for best in (one for one in weighed if one.hypothesis.name not in impossible):
+    while best := next((one for one in weighing.weighed if one.hypothesis.name not in impossible), None):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
+        rivals = tuple(one.rival for one in weighing.weighed)
         if best.imu is not None:  # nothing of the estimate changes
-            return Adaptation(best, setup, settled, beside(linear, best), rivals, spent)
-        own = next((one for one in tried if one.candidate.name == best.name), None)
-        if own is None and _when(best) not in failed:
-            own = estimate_with(setup, begin, accepted, best)
-        if own is not None:
+            return Adaptation(
+                best, setup, settled, beside(linear, best), rivals, linearisations=spent + weighing.linearisations
+            )
+        if (own := weighing.with_cause(best)) is not None:
             candidate = replace(own.candidate, log_odds=best.log_odds, fault=best.fault)
-            return replace(own, rivals=rivals, candidate=candidate, linearisations=spent)
-        impossible.add(best.hypothesis.name)
-    return _by_fault(rivals)
+            is_linear, used = weighing.near(own.settled.states), spent + weighing.linearisations
+            return replace(own, rivals=rivals, is_linear=is_linear, candidate=candidate, linearisations=used)
+        if not weighing.add(best, begin):
+            impossible.add(best.hypothesis.name)
+    return _by_fault(one.rival for one in weighing.weighed)
 
 
 def _by_fault(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
@@ -218,47 +229,127 @@ def _by_fault(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
-def _tried(
-    setup: Setup, accepted: Sequence[Candidate], candidates: Iterable[tuple[Candidate, Start]], most: float
-) -> tuple[list[Adaptation], list[Candidate], set[_When]]:
-    """The estimates with a candidate each, that which leaves least first, and all hypotheses at its noise.
+class _Weighing:
+    """Estimates with a candidate each, and all hypotheses at the noise of the one that leaves least.
 
-    And which could not be.
-
-    The likeliest is tried first: where it is surely likelier than each of the others at its own noise, that is all.
+    A hypothesis is weighed where that estimate is, by what is linear there. One that has an estimate of its own is as
+    likely as it fits there: where the heading is another with it, a straight line leads to nothing that is true.
     """
-    tried, weighed, failed = list[Adaptation](), list[Candidate](), set[_When]()
+
+    def __init__(self, setup: Setup, accepted: Sequence[Candidate], usual: list[Candidate]) -> None:
+        self._setup, self._accepted = setup, accepted
+        self._tried, self._failed = list[Adaptation](), set[_When]()  # that which leaves least first
+        self._linearly = self.weighed = usual  # the likeliest first
+        self._trials = tuple[Trial, ...]()  # where the first of them is
+        self._left = np.inf  # the misfit without a cause, where the first of them is
+        self.linearisations = 0
+
+    def add(self, candidate: Candidate, begin: Start) -> bool:
+        """Weigh all anew, with an estimate that has a candidate. Returns False where there is none."""
+        if _when(candidate) in self._failed:
+            return False
+        one = estimate_with(self._setup, begin, self._accepted, candidate)
+        if one is None:
+            self._failed.add(_when(candidate))
+            return False
+        self.linearisations += one.settled.linearisations
+        if self._tried and likelihood(one.settled, one.linear) <= likelihood(
+            self._tried[0].settled, self._tried[0].linear
+        ):
+            self._tried.append(one)
+        else:
+            self._tried.insert(0, one)
+            self._weigh_linearly(one)
+        self.weighed = sorted(map(self._where_it_is, self._linearly), key=lambda one: -one.log_odds)
+        return True
+
+    def with_cause(self, candidate: Candidate) -> Adaptation | None:
+        """The estimate that has a candidate, if there is one."""
+        return next((one for one in self._tried if one.candidate.name == candidate.name), None)
+
+    def surely_likeliest(self, others: Sequence[Candidate], usual: States) -> bool:
+        """Whether what has an estimate is surely likelier than others that have none, and what is linear tells it.
+
+        usual: the states without any cause.
+        """
+        odds = {one.name: one.log_odds for one in reversed(self.weighed)}
+        own = max(odds.get(one.candidate.name, num.LOG_ZERO) for one in self._tried) - priors.ACCUSED_ODDS
+        return self.near(usual) and all(own > odds.get(other.name, num.LOG_ZERO) for other in others)
+
+    def near(self, usual: States) -> bool:
+        """Whether attitudes are so near to others in every estimate that what is linear there tells of all of them."""
+        return all(_turned(one.settled.states, usual) < num.LINEAR_TURN for one in self._tried)
+
+    def _weigh_linearly(self, least: Adaptation) -> None:
+        """Every hypothesis in the place of the candidate, at its states and noise."""
+        rougher = local_noise(least.linear, least.candidate)
+        problem = replace(_without_the_last(self._setup, least, self._accepted), rougher=rougher)
+        self._left = whole_misfit(problem)
+        self._trials = trials(problem)
+        weighed = [Candidate.of_trial(one) for one in self._trials]
+        if least.candidate.taken:
+            weighed = [_as_moved(one, least) if one.name == least.candidate.name else one for one in weighed]
+        self._linearly = weighed
+
+    def _where_it_is(self, linearly: Candidate) -> Candidate:
+        """A candidate weighed where it has its estimate, if it has one, at the noise of that which leaves least."""
+        own = self.with_cause(linearly)
+        if own is None or own.candidate.taken:
+            return linearly
+        is_first = own is self._tried[0]
+        if own.candidate.hypothesis.turns_field:
+            turned = self._where_it_turns(own)
+            return linearly if is_first and linearly.log_odds > turned.log_odds else turned
+        return linearly if is_first else self._where_it_fits(own)
+
+    def _where_it_fits(self, own: Adaptation) -> Candidate:
+        """By what is linear there."""
+        accepted = [*self._accepted, own.candidate]
+        there = _linear_at(self._setup, own, self._tried[0], accepted, _sizes(own))
+        rougher = local_noise(own.linear, own.candidate)
+        problem = replace(without(self._setup, there, accepted, len(self._accepted)), rougher=rougher)
+        found = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
+        more = whole_misfit(problem) - self._left
+        log_odds = found.log_odds - 0.5 * more / rougher.get(own.candidate.hypothesis.sensor, 1.0)
+        return replace(found, log_odds=log_odds)
+
+    def _where_it_turns(self, own: Adaptation) -> Candidate:
+        """Of one that turns a field: by what its estimate leaves, its size and times known as well as there.
+
+        The evidence of a size u that is known to Σ and was to σ² is half of what the misfit loses by it, priors
+        included, and half of log |Σ/σ²|; rate and times are those of the trial.
+        """
+        there = _linear_at(self._setup, own, self._tried[0], [*self._accepted, own.candidate], _sizes(own))
+        signature = own.candidate.of(there)
+        known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
+        _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
+        known_better = 0.5 * float(spread) - float(np.log(there.prior.constants_sigma[known]).sum())
+        trial = next(one for one in self._trials if _name(one) == own.candidate.name)
+        times = trial.log_odds - float(trial.log_bayes.max())
+        log_odds = 0.5 * (self._left - whole_misfit(there)) + known_better + times
+        return replace(own.candidate, log_odds=log_odds)
+
+
+def _name(one: Trial) -> tuple[str, str, int | None]:
+    return one.hypothesis.name, one.shape, one.imu
+
+
+def _turned(one: States, other: States) -> float:
+    """The largest angle between attitudes of two estimates, rad."""
+    turn = quaternion.log(quaternion.multiply(one.q_ned_frd, quaternion.conjugate(other.q_ned_frd)))
+    return float(np.linalg.norm(turn, axis=1).max())
+
+
+def _try_out(weighing: _Weighing, candidates: Iterable[tuple[Candidate, Start]], usual: States, most: float) -> None:
+    """Estimates with a candidate each, the likeliest first, until one is surely likelier than all others."""
     left = sorted(candidates, key=lambda one: one[0].log_odds)
-    while left and sum(one.settled.linearisations for one in tried) < most:
-        candidate, begin = left.pop()
-        if (one := estimate_with(setup, begin, accepted, candidate)) is None:
-            failed.add(_when(candidate))
-            continue
-        if tried and likelihood(one.settled, one.linear) <= likelihood(tried[0].settled, tried[0].linear):
-            tried.append(one)
-            continue
-        tried.insert(0, one)
-        weighed = _weighed(setup, one, accepted)
-        odds = {other.name: other.log_odds for other in reversed(weighed)}
-        own = odds.get(one.candidate.name, num.LOG_ZERO) - priors.ACCUSED_ODDS
-        if all(own > odds.get(other.name, num.LOG_ZERO) for other, _ in left):
+    while left and weighing.linearisations < most:
+        if weighing.add(*left.pop()) and weighing.surely_likeliest([one for one, _ in left], usual):
             break
-    return tried, weighed, failed
 
 
 def _when(one: Candidate) -> _When:
     return (*one.name, one.onset, one.end)
-
-
-def _weighed(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> list[Candidate]:
-    """Every hypothesis in the place of the candidate, at its noise, the likeliest first."""
-    rougher = local_noise(adaptation.linear, adaptation.candidate)
-    problem = replace(_without_the_last(setup, adaptation, accepted), rougher=rougher)
-    weighed = [Candidate.of_trial(one) for one in trials(problem)]
-    if adaptation.candidate.taken:
-        weighed = [_as_moved(one, adaptation) if one.name == adaptation.candidate.name else one for one in weighed]
-        weighed.sort(key=lambda one: -one.log_odds)
-    return weighed
 
 
 def _candidates(weighed: Sequence[Trial]) -> Iterable[Candidate]:
@@ -272,11 +363,30 @@ def _candidates(weighed: Sequence[Trial]) -> Iterable[Candidate]:
 
 def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:
     """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
-    if not adaptation.candidate.taken:
-        return without(setup, adaptation.linear, [*accepted, adaptation.candidate], len(accepted))
-    settled = adaptation.settled
-    path = preintegrated(setup, settled.states, settled.path)
-    return linearise(setup, path, settled.states, adaptation.linear.noise, settled.scale, {}, settled.slow, accepted)
+    candidate = adaptation.candidate
+    if not (candidate.taken or candidate.hypothesis.turns_field):
+        return without(setup, adaptation.linear, [*accepted, candidate], len(accepted))
+    signature, sizes = candidate.of(adaptation.linear), _sizes(adaptation)
+    before = sizes[: len(sizes) - (0 if signature is None else signature.unknowns)]
+    return _linear_at(setup, adaptation, adaptation, accepted, before)
+
+
+def _sizes(adaptation: Adaptation) -> Array:
+    """(m,) of all that is accepted, and of its candidate."""
+    return adaptation.linear.solution.c[CONSTANT_STATES:]
+
+
+def _linear_at(
+    setup: Setup, where: Adaptation, noise_of: Adaptation, accepted: Sequence[Candidate], sizes: Array
+) -> Problem:
+    """The problem about the states of an estimate, at the noise of another; its weights too, where none was moved."""
+    settled, least = where.settled, noise_of.linear
+    moved = where.candidate.taken or noise_of.candidate.taken
+    weights = {} if moved else {one.name: one.weight for one in least.measurements}
+    return linearise(
+        replace(setup, relative_noise=least.relative_noise), preintegrated(setup, settled.states, settled.path),
+        settled.states, least.noise, noise_of.settled.scale, weights, noise_of.settled.slow, accepted, sizes=sizes,
+    )  # fmt: skip
 
 
 def _as_moved(candidate: Candidate, adaptation: Adaptation) -> Candidate:
@@ -311,8 +421,8 @@ def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: 
 
 
 def _rivals(setup: Setup, linear: Problem, accepted: Sequence[Candidate], one: int) -> tuple[Rival, ...]:
-    """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
-    if accepted[one].taken:
+    """Every hypothesis in the place of one that was accepted, beside all others; empty where it is far from linear."""
+    if accepted[one].taken or accepted[one].hypothesis.turns_field:
         return ()
     problem = replace(without(setup, linear, accepted, one), rougher=local_noise(linear, accepted[one]))
     return tuple(Candidate.of_trial(other).rival for other in trials(problem))

@@ -82,6 +82,7 @@ class Problem:
     aliased: Mapping[str, Aliased]  # kind → what motion faster than the sampling may read like
     others: tuple[Differences, ...]  # what the other IMUs read more
     shock_rate: Array  # (K-1, 2) see `Setup`
+    relative_noise: Array  # (K-1, 2) by which gyro and accelerometer scatter more in an interval, see `Setup`
     rougher: Mapping[str, float] = field(default_factory=dict)  # see `smoother.local_noise`
 
     @cached_property

@@ -17,7 +17,7 @@ from companion.estimation.linearisation import PreintegratedImu, _kinematics, li
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.readings import Kinematics
 from companion.estimation.setup import Setup, first_guess, set_up
-from companion.estimation.system import Problem
+from companion.estimation.system import Measurement, Problem
 from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import skew
 from tests.estimation.sensed import BIASES, range_of, sensed
@@ -190,6 +190,45 @@ def test_the_motion_is_linear_as_it_says(
         np.testing.assert_allclose(
             found, exact.constants[:, :, column], rtol=2e-3, atol=2e-3, err_msg=f"constant {column}"
         )
+
+
+@pytest.mark.parametrize("shapes", [("step",), ("ramp",), ("creep", "pulse")])
+def test_a_compass_whose_field_has_turned_is_linear_as_it_says(
+    problem: tuple[Setup, PreintegratedImu, States], shapes: tuple[str, ...]
+) -> None:
+    """By far, evenly or at once: in attitudes, in the Earth's field and in the sizes that were found so far."""
+    setup, path, states = problem
+    row = hypothesis_of("compass_field")
+    accepted = [Candidate(row, shape, 3.0 + i, 8.0 + i, 0.1, -1, 0.0, 0.0) for i, shape in enumerate(shapes)]
+    sizes = np.tile([4.0, -7.0], len(shapes))
+    scale, slow = {one.name: 1.0 for one in setup.readings}, start_of(setup, states).slow
+
+    def made(of: States, sizes: Array = sizes) -> Measurement:
+        problem = linearise(setup, path, of, FIRST_NOISE, scale, {}, slow, accepted, sizes=sizes)
+        one = problem.measurement("compass")
+        assert one is not None
+        return one
+
+    def predicted(of: States, sizes: Array = sizes) -> Array:
+        one = made(of, sizes)
+        return np.asarray(one.constants[..., CONSTANT_STATES:] @ sizes - one.residual)
+
+    exact, still = made(states), np.zeros((len(setup.t), STATES + states.slow.shape[1]))
+    for column in range(*ATTITUDE.indices(STATES)):
+        x = still.copy()
+        x[:, column] = STEP
+        found = derivative(predicted, states, x, np.zeros(CONSTANT_STATES)) / STEP
+        np.testing.assert_allclose(found, exact.states[..., column], rtol=1e-5, atol=1e-4)
+    for column in range(*CONSTANTS["earth_field"][0].indices(CONSTANT_STATES)):
+        c = np.zeros(CONSTANT_STATES)
+        c[column] = STEP
+        found = derivative(predicted, states, still, c) / STEP
+        np.testing.assert_allclose(found, exact.constants[..., column], rtol=1e-5, atol=1e-4)
+    for i in range(len(sizes)):
+        ways = (sizes + sign * STEP * (np.arange(len(sizes)) == i) for sign in (1.0, -1.0))
+        above, below = (predicted(states, way) for way in ways)
+        found = exact.constants[..., CONSTANT_STATES + i]
+        np.testing.assert_allclose((above - below) / (2.0 * STEP), found, rtol=1e-5, atol=1e-4)
 
 
 def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setup, PreintegratedImu, States]) -> None:

@@ -33,6 +33,7 @@ from companion.verdict.findings.axes import meaning_findings
 from companion.verdict.findings.detect import findings, reading_faults
 from companion.verdict.findings.outages import jump_findings
 from companion.verdict.findings.readings import lags, turns_back
+from companion.verdict.findings.stuck import stuck_findings
 from companion.verdict.findings.vibration import clip_counts
 from tests.estimation.sensed import sensed
 from tests.flights import CIRCLE, LIVELY, flight_of, flown, lively, seconds, turned, with_imu
@@ -642,6 +643,22 @@ def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool)
     both = replace(both, imus={**both.imus, imu.source: replace(one.imu(), gyro=whole)})
     faults = reading_faults(both, compare(both, imu=imu.source), GENERIC)
     assert not [f for f in faults if f.evidence.startswith(("gyro x", "gyro y"))]
+
+
+def test_a_quiet_imu_on_the_ground_beside_one_that_is_noisier_is_not_stuck() -> None:
+    """The noise of the other, of some steps even in means, is no motion."""
+    flight = flown(motions.rest(seconds(90, 25)))
+    imu, rng = flight.imu(), np.random.default_rng(13)
+    flies = (imu.t > imu.t[0] + 40.0)[:, None]
+    shakes = np.sin(2.0 * imu.t)[:, None] * [2.0, 0.3, 1.0] * flies
+
+    def read(noise: float) -> Array:
+        return np.asarray(np.round((shakes + [0.0, 0.0, -9.81] + noise * rng.normal(size=shakes.shape)) / 0.01) * 0.01)
+
+    one = with_imu(flight, accel=read(1e-3), accel_step=0.01, gyro=imu.gyro + 0.1 * shakes)
+    other = replace(imu, source="SCALED_IMU2", instance=1, accel=read(0.02), accel_step=0.01)
+    both = replace(one, imus={**one.imus, other.source: other})
+    assert not list(stuck_findings(compare(both, imu=imu.source), both.imus.values()))
 
 
 def test_an_axis_in_the_middle_of_a_step_is_not_stuck() -> None:

@@ -220,8 +220,8 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Windows]:
     """Some axes beside the same ones of every other IMU.
 
     Only windows in which one of the other's moves by more than a step of each: what moves less can be read as one whole
-    step, or none, for as long as it lies in the middle of one. And by means over a while: its noise is none of this
-    one's.
+    step, or none, for as long as it lies in the middle of one. And by means over a while, less what the noise of its
+    quietest windows makes of these: its noise is none of this one's.
     """
     sensor, chosen = axes.sensor, list(axes.axes)
     out = []
@@ -229,10 +229,12 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Windows]:
         window = part * max(sensor.window_s, still_window_s(track))
         start, own = _spread_by_window(sensor.t, sensor.readings[:, chosen], window)
         readings, step = read_by(track, sensor.name)
-        span = check.MOTION_MEAN_S * window * track.rate_hz / len(track)
-        means = np.column_stack([evened(readings[:, axis], span) for axis in chosen])
+        span = max(1, round(check.MOTION_MEAN_S * window * track.rate_hz))
+        means = np.column_stack([evened(readings[:, axis], span / len(track)) for axis in chosen])
         when, other = _spread_by_window(track.t[len(track) - len(means) :], means, window)
-        steps = other / (sensor.step + step)
+        changes = by_second(np.abs(np.diff(readings[:, chosen], axis=0)).max(axis=1), window * track.rate_hz)
+        noise = float(np.percentile(changes.mean(axis=1), 5.0)) if len(changes) else 0.0
+        steps = np.maximum(other - check.NOISE_RANGE * noise / np.sqrt(span), 0.0) / (sensor.step + step)
         moved = steps > check.STEP_ROUNDING
         both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
         out.append(_Windows(window, window * both.astype(np.float64), own[i], steps[moved][j]))
