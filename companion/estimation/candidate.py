@@ -129,10 +129,10 @@ def about_sizes(problem: Problem, accepted: Sequence[Candidate], sizes: Array) -
             continue
         which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 2), np.zeros(2)
         size[which] = sizes[own.start - CONSTANT_STATES : own.stop - CONSTANT_STATES]
-        found = complex(*size)
-        changed += one.change_of_field(compass.t, level, found)
-        by_level += _jacobian(partial(one.change_of_field, compass.t, size=found), level)
-        by_size = _jacobian(partial(one.change_of_field, compass.t, level), found)
+        as_complex = complex(*size)
+        changed += one.change_of_field(compass.t, level, as_complex)
+        by_level += _jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
+        by_size = _jacobian(partial(one.change_of_field, compass.t, level), as_complex)
         constants[..., own] = (of_field[..., :2] @ by_size)[..., which]
         residual += constants[..., own] @ size[which]
     offset = np.column_stack((changed.real, changed.imag, np.zeros(len(changed))))

@@ -156,8 +156,7 @@ def _scored(
     problem: Problem, hypothesis: Hypothesis, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
 ) -> Cells:
     """With what the other IMUs tell of it too."""
-    rougher = problem.rougher.get(hypothesis.name.partition("_")[0], 1.0)
-    b, v = (one / rougher for one in scores)
+    b, v = scores
     if hypothesis.between_imus and problem.others:
         gradient, information = score_of_own(problem.others, hypothesis, shape, times[0], times[1])
         b, v = b + gradient, v + information

@@ -30,7 +30,7 @@ from companion.estimation.iteration import (
 )
 from companion.estimation.learned_noise import doubted_limits, scatter
 from companion.estimation.linearisation import linearise
-from companion.estimation.model import ATTITUDE, CONSTANT_STATES, VELOCITY, BestEstimate, Rival, States
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, POSITION, VELOCITY, BestEstimate, Rival, States
 from companion.estimation.result import best_estimate, is_field_of_the_place
 from companion.estimation.search import trials
 from companion.estimation.setup import Setup, guesses, set_up
@@ -282,14 +282,16 @@ class _Weighing:
 
     def _weigh_linearly(self, least: Adaptation) -> None:
         """Every hypothesis in the place of the candidate, at its states and noise."""
-        rougher = local_noise(least.linear, least.candidate)
-        problem = replace(_without_the_last(self._setup, least, self._accepted), rougher=rougher)
+        problem = self._as_rough(_without_the_last(self._setup, least, self._accepted))
         self._left = whole_misfit(problem)
         self._trials = trials(problem)
         weighed = [Candidate.of_trial(one) for one in self._trials]
         if least.candidate.taken:
             weighed = [_as_moved(one, least) if one.name == least.candidate.name else one for one in weighed]
         self._linearly = weighed
+
+    def _as_rough(self, problem: Problem) -> Problem:
+        return as_rough(problem, self._tried[0].linear, self._tried[0].candidate)
 
     def _where_it_is(self, linearly: Candidate) -> Candidate:
         """A candidate weighed where it has its estimate, if it has one, at the noise of that which leaves least."""
@@ -305,13 +307,10 @@ class _Weighing:
     def _where_it_fits(self, own: Adaptation) -> Candidate:
         """By what is linear there."""
         accepted = [*self._accepted, own.candidate]
-        there = _linear_at(self._setup, own, self._tried[0], accepted, _sizes(own))
-        rougher = local_noise(own.linear, own.candidate)
-        problem = replace(without(self._setup, there, accepted, len(self._accepted)), rougher=rougher)
-        found = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
-        more = whole_misfit(problem) - self._left
-        log_odds = found.log_odds - 0.5 * more / rougher.get(own.candidate.hypothesis.sensor, 1.0)
-        return replace(found, log_odds=log_odds)
+        there = self._as_rough(_linear_at(self._setup, own, self._tried[0], accepted, _sizes(own)))
+        problem = without(self._setup, there, accepted, len(self._accepted))
+        refined = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
+        return replace(refined, log_odds=refined.log_odds - 0.5 * (whole_misfit(problem) - self._left))
 
     def _where_it_turns(self, own: Adaptation) -> Candidate:
         """Of one that turns a field: by what its estimate leaves, its size and times known as well as there.
@@ -319,7 +318,8 @@ class _Weighing:
         The evidence of a size u that is known to Σ and was to σ² is half of what the misfit loses by it, priors
         included, and half of log |Σ/σ²|; rate and times are those of the trial.
         """
-        there = _linear_at(self._setup, own, self._tried[0], [*self._accepted, own.candidate], _sizes(own))
+        accepted = [*self._accepted, own.candidate]
+        there = self._as_rough(_linear_at(self._setup, own, self._tried[0], accepted, _sizes(own)))
         signature = own.candidate.of(there)
         known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
         _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
@@ -424,23 +424,26 @@ def _rivals(setup: Setup, linear: Problem, accepted: Sequence[Candidate], one: i
     """Every hypothesis in the place of one that was accepted, beside all others; empty where it is far from linear."""
     if accepted[one].taken or accepted[one].hypothesis.turns_field:
         return ()
-    problem = replace(without(setup, linear, accepted, one), rougher=local_noise(linear, accepted[one]))
+    problem = as_rough(without(setup, linear, accepted, one), linear, accepted[one])
     return tuple(Candidate.of_trial(other).rival for other in trials(problem))
 
 
-def local_noise(linear: Problem, candidate: Candidate) -> dict[str, float]:
-    """Times by which gyro and accelerometer scatter more about a cause than in the whole flight: variances, 1 or more.
+def as_rough(problem: Problem, linear: Problem, candidate: Candidate) -> Problem:
+    """The problem with as much process noise about a cause as that scatters there, more than in the whole flight.
 
-    Of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher, as by
-    vibration, a launch or a touch of the ground, chance does as much. The moments before a cause belong to it: one that
-    has only begun explains what scatters since, but not what scattered before.
+    linear: of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher,
+    as by vibration, a launch or a touch of the ground, chance does as much. The moments before a cause belong to it:
+    one that has only begun explains what scatters since, but not what scattered before.
     """
     e, d = linear.solution.disturbances
     t, own = linear.t, np.diagonal(d, axis1=1, axis2=2)
     within = (t[1:] > candidate.onset - num.ROUGH_STRETCH_S) & (t[:-1] < candidate.end)
-
-    def ratio(block: slice) -> float:
+    if not within.any():
+        return problem
+    weight = problem.motion.weight.copy()
+    for block, moved in ((ATTITUDE, ATTITUDE), (VELOCITY, slice(VELOCITY.start, POSITION.stop))):
         unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)
-        return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
-
-    return {"gyro": ratio(ATTITUDE), "accel": ratio(VELOCITY)}
+        rougher = max(1.0, float(np.sqrt(unlikely[within].mean() / max(unlikely.mean(), 1e-300))))
+        weight[within, moved] /= rougher
+        weight[within, :, moved] /= rougher
+    return replace(problem, motion=replace(problem.motion, weight=weight))

@@ -9,7 +9,7 @@ sum of all squared residuals is least where A x + B c = b and Bᵀ x + C c = b_c
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -83,7 +83,6 @@ class Problem:
     others: tuple[Differences, ...]  # what the other IMUs read more
     shock_rate: Array  # (K-1, 2) see `Setup`
     relative_noise: Array  # (K-1, 2) by which gyro and accelerometer scatter more in an interval, see `Setup`
-    rougher: Mapping[str, float] = field(default_factory=dict)  # see `smoother.local_noise`
 
     @cached_property
     def solution(self) -> Solution:

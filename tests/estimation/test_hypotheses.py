@@ -205,16 +205,21 @@ def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> Non
 
 
 @pytest.mark.parametrize("wrong", ["gyro", "compass"])
-def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str) -> None:
-    """A field that turns evenly looks like a gyro; on a banked circle gravity knows which of the two it was."""
+@pytest.mark.parametrize(("degrees", "lasts"), [(45.0, 10.0), (45.0, 30.0), (90.0, 10.0), (90.0, 30.0)])
+def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str, degrees: float, lasts: float) -> None:
+    """A field that turns evenly looks like a gyro; on a banked circle gravity knows which of the two it was.
+
+    However far it turns, and with whichever of them the iteration goes astray.
+    """
     flight, _ = sensed(90.0, "circle")
     imu, (compass,), q = flight.imu(), flight.compasses, flight.require_attitude()
     if wrong == "gyro":
-        too_much = ((imu.t >= 40.0) & (imu.t < 50.0))[:, None] * np.array([0.0, 0.0, 0.08])
+        rate = np.array([0.0, 0.0, np.radians(degrees) / lasts])
+        too_much = ((imu.t >= 40.0) & (imu.t < 40.0 + lasts))[:, None] * rate
         flight = with_imu(flight, replace(imu, gyro=imu.gyro + too_much))
     else:
         i = np.clip(np.searchsorted(q.t, compass.t), 0, len(q) - 1)
-        turn = np.clip((compass.t - 40.0) / 10.0, 0.0, 1.0)[:, None] * np.array([0.0, 0.0, np.radians(45.0)])
+        turn = np.clip((compass.t - 40.0) / lasts, 0.0, 1.0)[:, None] * np.array([0.0, 0.0, np.radians(degrees)])
         world = quaternion.rotate(quaternion.exp(turn), quaternion.rotate(q.q_ned_frd[i], compass.field))
         field = quaternion.rotate(quaternion.conjugate(q.q_ned_frd[i]), world)
         flight = replace(flight, compasses=(replace(compass, field=field),))

@@ -591,13 +591,10 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
     assert blind.summary.endswith("No GPS data: the position could not be verified.")
 
 
-@pytest.mark.parametrize(
-    ("rate", "status"),
-    [(0.01, "insufficient_data"), (0.02, "imu_suspect"), (0.05, "imu_suspect"), (0.1, "imu_suspect")],
-)
-def test_a_gyro_that_turns_in_a_hover_on_one_heading_accuses_no_autopilot(rate: float, status: str) -> None:
-    """A compass whose field turns as fast the other way, or iron that stands for all of the level field, fits worse."""
+@pytest.mark.parametrize(("rate", "told"), [(0.02, False), (0.05, True), (0.1, True)])
+def test_a_gyro_that_turns_in_a_hover_on_one_heading_accuses_no_autopilot(rate: float, told: bool) -> None:
+    """A field that turns as fast the other way fits worse, and so does iron that stands for all of it that is level."""
     t = seconds(100.0, 50.0)
     hover = motions.coning(t, angle=0.02, frequency=0.2, amplitude=(0.3, 0.3, 0.1), swing=(0.05, 0.07, 0.03))
     found = assess(misread(flown(hover), gyro=(0.0, 0.0, rate), begin=60.0), GENERIC)
-    assert found.verdict.status == status
+    assert found.verdict.status == ("imu_suspect" if told else "insufficient_data")
