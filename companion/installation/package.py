@@ -14,14 +14,15 @@ import sysconfig
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import Distribution, PackageNotFoundError, distribution, version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from companion.model import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution
 
 DEMO = "demo"
 """The name of the bundled flight, in place of a path."""
@@ -74,11 +75,8 @@ class Library:
 
 def libraries() -> tuple[Library, ...]:
     """Those that the installed package names; none where companion runs from a checkout on PYTHONPATH alone."""
-    try:
-        requires = distribution(_NAME).requires or []
-    except PackageNotFoundError:
-        return ()
-    return tuple(_parsed(requires))
+    installed = _installed(_NAME)
+    return () if installed is None else tuple(_parsed(installed.requires or []))
 
 
 def _parsed(requires: list[str]) -> Iterator[Library]:
@@ -95,11 +93,17 @@ def _parsed(requires: list[str]) -> Iterator[Library]:
             yield Library(match["name"], match["bounds"], extra[1] if extra else "", _version(match["name"]))
 
 
-def _version(name: str) -> str | None:
+def _installed(name: str) -> Distribution | None:
+    from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  (a tenth of what a command needs)
+
     try:
-        return version(name)
+        return distribution(name)
     except PackageNotFoundError:
         return None
+
+
+def _version(name: str) -> str | None:
+    return None if (installed := _installed(name)) is None else installed.version
 
 
 def _within(installed: str, bound: str) -> bool:
@@ -124,9 +128,8 @@ def install_command(extra: str) -> str:
 
     pipx and uv mark the environments that they make for a program; INSTALLER names the tool in any other.
     """
-    try:
-        installed = distribution(_NAME)
-    except PackageNotFoundError:  # a checkout on PYTHONPATH
+    installed = _installed(_NAME)
+    if installed is None:  # a checkout on PYTHONPATH
         return f"{_pip()} install {_quoted(f'{_NAME}[{extra}]')}"
     environment = Path(sys.prefix)
     if (environment / "pipx_metadata.json").is_file():
@@ -140,6 +143,8 @@ def install_command(extra: str) -> str:
 
 def _requirement(installed: Distribution, extras: set[str]) -> str:
     """companion with extras, from where it came: the index, a checkout, a repository or an archive."""
+    from urllib.request import url2pathname  # noqa: PLC0415  (with all of http)
+
     names = f"[{','.join(sorted(extras))}]"
     origin: dict[str, Any] = json.loads(installed.read_text("direct_url.json") or "{}")
     url = str(origin.get("url", ""))

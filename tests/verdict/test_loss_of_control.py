@@ -165,6 +165,13 @@ def test_an_output_that_came_to_its_end_as_control_was_lost_is_named(ends: list[
     assert lost.headline == f"control was lost at {lost.start_s:.1f} s{said}"
 
 
+def test_outputs_of_which_the_flight_has_none_say_nothing_of_a_loss_of_control() -> None:
+    """A log of several flights may have them in another one alone."""
+    nothing = ActuatorTrack(np.zeros(0), np.zeros((0, 4)), "RCOU")
+    (lost,) = [f for f in judged(replace(fallen(), actuators=nothing)).verdict.findings if f.kind == "control_lost"]
+    assert lost.headline == f"control was lost at {lost.start_s:.1f} s"
+
+
 def kinds_of(flight: Flight) -> list[tuple[str, float]]:
     return [(part.kind, round(part.start, 1)) for part in phases(flight)]
 

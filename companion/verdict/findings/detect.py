@@ -288,7 +288,7 @@ _LOST = "Look at motors, propellers and the desired attitude before it: a vehicl
 
 def _at_its_end(flight: Flight, lost: float) -> str:
     """Which outputs stood at the upper end of their range as control was lost, and at no other time; "" for none."""
-    if (track := flight.actuators) is None:
+    if (track := flight.actuators) is None or not len(track):
         return ""
     full = np.nan_to_num(track.output) >= check.OUTPUT_FULL
     before = lost - check.AROUND_S
