@@ -10,7 +10,7 @@ import numpy as np
 
 _ENOUGH = 0.95
 _TWO_SIDED = 1.96  # σ of 95 % of a normal distribution
-_OTHERS = ("wrong", "missed", "cannot tell", "early", "failed")
+_OTHERS = ("wrong", "missed", "misled nobody", "cannot tell", "early", "failed")
 
 
 class Row(Protocol):

@@ -225,7 +225,7 @@ def test_the_interval_of_a_share_is_wilsons() -> None:
         _Row("two", "missed", fault="gyro_bias", size=6.0)
     ]
     shown = detectable_table(rows, {"gyro_bias": "mrad/s", "tilt": "°"}).splitlines()
-    assert shown[2:] == ["| gyro_bias | 20 | 4 mrad/s | 95% | 76% to 99% |  | 1 |  |  |  |"]
+    assert shown[2:] == ["| gyro_bias | 20 | 4 mrad/s | 95% | 76% to 99% |  | 1 |  |  |  |  |"]
 
 
 def test_a_log_that_is_too_short_or_lacks_a_position_has_no_rows(demo: Flight) -> None:
