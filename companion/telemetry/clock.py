@@ -37,6 +37,7 @@ UNIX_S = 1e8
 _WRAP_S = 2.0**32 * 1e-3  # time_boot_ms is a uint32
 _SHORT_WRAP_S = 2.0**32 * 1e-6  # and so is time_usec in SERVO_OUTPUT_RAW
 _WINDOW = 25  # samples on either side that have to agree on a fall, so that an echo out of order is none
+_AGAIN = 3  # samples in small steps after a fall: more, and the clock goes on from there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,13 +165,19 @@ def steps_back(clock: Clock) -> list[int]:
     After such a step the clock goes on in small steps from where it fell to; packets that merely come late or twice are
     followed by a jump back to the present.
     """
+    t, step = clock.t, np.diff(clock.t)
+    large = np.flatnonzero(np.abs(step) >= 0.5 * STEP_BACK_S)  # of the others none ends what follows a fall
     steps = []
-    for i in np.flatnonzero((np.diff(clock.t) < -STEP_BACK_S) & (np.diff(clock.t) >= -REBOOT_FALL_S)) + 1:
-        fall = clock.t[i - 1] - clock.t[i]
-        caught_up = np.flatnonzero(clock.t[i:] > clock.t[i - 1])
-        again = clock.t[i : i + (int(caught_up[0]) if len(caught_up) else len(clock.t)) + 1]
-        if len(again) > 3 and np.abs(np.diff(again)).max() < fall / 2:
-            steps.append(int(i))
+    for k, before in enumerate(large.tolist()):
+        fall = -float(step[before])
+        if not STEP_BACK_S < fall <= REBOOT_FALL_S:
+            continue
+        end = next((at for at in map(int, large[k + 1 :]) if abs(step[at]) >= 0.5 * fall), None)
+        again = t[before + 1 : None if end is None else end + 1]
+        caught_up = again > t[before]
+        passed = int(caught_up.argmax()) + 1 if caught_up.any() else len(again) if end is None else 0
+        if passed > _AGAIN:
+            steps.append(before + 1)
     return steps
 
 

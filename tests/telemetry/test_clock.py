@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -9,8 +10,8 @@ import numpy as np
 import pytest
 
 from companion.app.recording import open_log
-from companion.model import Epoch
-from companion.telemetry.clock import gps_to_unix
+from companion.model import Array, Epoch
+from companion.telemetry.clock import Clock, gps_to_unix, steps_back
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 
@@ -89,3 +90,23 @@ def test_a_leap_second_is_counted_when_it_has_happened(leap: int) -> None:
     gps = utc - 315_964_800.0 + np.array([leap, leap, leap + 1, leap + 1])
     week = np.floor(gps / 604_800.0)
     assert gps_to_unix(week, gps - 604_800.0 * week) == pytest.approx(utc, abs=1e-6)
+
+
+def along(*pieces: Array) -> Clock:
+    t = np.concatenate(pieces)
+    return Clock(np.arange(len(t)), t, 0.02 * np.arange(len(t), dtype=np.float64))
+
+
+def test_a_clock_that_is_set_back_goes_on_from_there_and_a_late_packet_is_none() -> None:
+    on = np.linspace(0.0, 9.9, 100)
+    assert steps_back(along(100 + on, 108 + on, 117 + on)) == [100, 200]
+    assert steps_back(along(100 + on, 108 + on[:3], 110 + on)) == []
+    assert steps_back(along(100 + on, 108 + on[:4])) == [100], "the log ends while it goes on"
+    assert steps_back(along(100 + on, 90 + on)) == [], "a reboot"
+
+
+def test_packets_that_all_come_twice_take_no_longer_each_the_more_there_are() -> None:
+    on = 100.0 + 0.02 * np.arange(150_000)
+    begin = time.process_time()
+    assert steps_back(along(np.column_stack([on + 1.0, on]).ravel())) == []
+    assert time.process_time() - begin < 5.0, "by the square of their number it would be 15 s"
