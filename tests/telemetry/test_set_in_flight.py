@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import companion as c
 from companion.mavlink import Packer
@@ -40,6 +41,26 @@ def test_a_calibration_that_is_saved_after_the_landing_changes_nothing_before(tm
     assert flight.parameters["CAL_GYRO0_XOFF"] == np.float32(0.05)
     (imu,) = flight.imus.values()
     np.testing.assert_allclose(imu.gyro[:-2, 0].mean(), 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("sign", ["a field of old", "a parameter of old"])
+def test_what_the_drivers_of_old_have_calibrated_is_not_calibrated_again(tmp_path: Path, sign: str) -> None:
+    """Until PX4 1.10 sensor_gyro.x is without CAL_GYROn_XOFF already (PX4Gyroscope::update, val_calibrated)."""
+    n, of_old = 400, sign == "a field of old"
+    t, zero = (10_000_000 + 5000 * np.arange(n)).astype(np.uint64), np.zeros(n, np.float32)
+    noise = (1e-4 * np.random.default_rng(1).normal(size=n)).astype(np.float32)
+    sensor: dict[str, Any] = {"timestamp": t, "device_id": np.full(n, DEVICE, np.uint32)}
+    sensor |= {"integral_dt": np.full(n, 5000, np.uint32)} if of_old else {}
+    gyro, accel = {**sensor, "x": noise, "y": zero, "z": zero}, {**sensor, "x": noise, "y": zero, "z": zero - 9.8}
+    accel["z"] = accel["z"].astype(np.float32)
+    parameters = {"CAL_GYRO0_ID": DEVICE, "CAL_GYRO0_XOFF": 0.02, "CAL_ACC0_ID": DEVICE, "CAL_ACC0_ZSCALE": 1.1}
+    parameters |= {} if of_old else {"CAL_GYRO0_EN": 1, "CAL_ACC0_EN": 1}
+    log = tmp_path / "a.ulg"
+    log.write_bytes(ulog({"sensor_gyro": gyro, "sensor_accel": accel}, parameters, version=(1, 9)))
+    (flight,) = c.open_log(log)
+    (imu,) = flight.imus.values()
+    np.testing.assert_allclose(imu.gyro[:, 0].mean(), 0.0, atol=1e-4)
+    np.testing.assert_allclose(imu.accel[:, 2].mean(), -9.8, atol=1e-4)
 
 
 def test_in_a_dataflash_log_a_trim_holds_from_when_it_is_set_and_a_mask_from_the_next_boot(tmp_path: Path) -> None:

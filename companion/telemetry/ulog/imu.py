@@ -6,10 +6,11 @@ of the selected IMU. Both are means over `interval`, at its middle, and not low-
 
 The topics of the drivers, sensor_gyro with sensor_accel and the FIFOs behind them, are the readings of the board's
 axes; calibration (CAL_GYROn_*, CAL_ACCn_*) and rotation (SENS_BOARD_*, or the sensor's own where it is external) are
-applied here, as PX4 does for vehicle_imu. Thermal compensation (TC_*) is not. Only a track with more samples than
-vehicle_imu or sensor_combined have of the same IMU tells more than they do: logs at default rates have one of these
-samples a second. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `msg/SensorGyroFifo.msg`,
-`modules/sensors/vehicle_imu/VehicleIMU.cpp`, `lib/drivers/gyroscope/PX4Gyroscope.cpp`, `lib/sensor_calibration/`,
+applied here, as PX4 does for vehicle_imu; until PX4 1.10 the drivers themselves did the first (see `_calibrated`).
+Thermal compensation (TC_*) is not. Only a track with more samples than vehicle_imu or sensor_combined have of the same
+IMU tells more than they do: logs at default rates have one of these samples a second. Sources: PX4
+`msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `msg/SensorGyroFifo.msg`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`,
+`lib/drivers/gyroscope/PX4Gyroscope.cpp`, of PX4 1.10 too (UpdateCalibration), `lib/sensor_calibration/`,
 `lib/conversion/rotation.h`.
 """
 
@@ -180,8 +181,9 @@ def _sensors(topics: Topics, of: str, kind: str, settings: Calibrations) -> Iter
         keep = increasing(t, np.isfinite(t) & finite_rows(values))
         own = None if interval is None else interval[keep]
         t, values = t[keep], values[keep]
+        by_driver = "integral_dt" in topic  # until PX4 1.10
         for now, parameters in in_force(t, settings):
-            values[now] = _calibrated(values[now], kind, device, parameters)
+            values[now] = _calibrated(values[now], kind, device, parameters, by_driver=by_driver)
         yield _Readings(name, t, values, own, device, most)
 
 
@@ -212,15 +214,21 @@ def _fifo(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
     return t, np.column_stack(raw) * scale[row, None], None, most
 
 
-def _calibrated(values: Array, kind: str, device: int, parameters: Mapping[str, float]) -> Array:
-    """In the body frame, without offset and with the right scale; as they are where the log has no calibration."""
+def _calibrated(
+    values: Array, kind: str, device: int, parameters: Mapping[str, float], *, by_driver: bool = False
+) -> Array:
+    """In the body frame, without offset and with the right scale; as they are where the log has no calibration.
+
+    by_driver: they are calibrated already, as also where CAL_GYROn_EN, a parameter of those drivers, is known.
+    """
     number = next((n for n in range(_CALIBRATIONS) if device and parameters.get(f"CAL_{kind}{n}_ID") == device), None)
     rotation = parameters.get("SENS_BOARD_ROT", 0.0)
     if number is not None:
         of = f"CAL_{kind}{number}_"
         offset = [parameters.get(f"{of}{axis}OFF", 0.0) for axis in _AXES]
         scale = [parameters.get(f"{of}{axis}SCALE", 1.0) for axis in _AXES]
-        values = (values - offset) * scale
+        if not by_driver and f"{of}EN" not in parameters:
+            values = (values - offset) * scale
         own = parameters.get(f"{of}ROT", -1.0)
         rotation = own if own >= 0 else rotation  # of an external sensor
     degrees = ORIENTATIONS[int(rotation) if 0 <= rotation < len(ORIENTATIONS) else 0]
