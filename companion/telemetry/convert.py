@@ -54,6 +54,7 @@ SENSOR_MESSAGES = frozenset(row.name for row in MESSAGE_SOURCES)
 
 
 _NO_CELL = 65535  # BATTERY_STATUS.voltages
+_MOST_SENSORS = 64  # of a message, that are looked at: 65,536 ids can be made up
 _UNITS_ARDUPILOT = {"raw_press": "Pa"}  # AIRSPEED: get_differential_pressure() as it is (`send_airspeed`)
 
 
@@ -72,15 +73,19 @@ def message_sensors(messages: Mapping[str, Messages], notes: list[str], *, px4: 
 def _of_messages(
     row: Source, messages: Messages, units: Mapping[str, str], notes: list[str]
 ) -> Iterator[RawSeries | None]:
-    """Of each sensor that the message tells apart."""
+    """Of each sensor that the message tells apart, or of those with the most messages; see `_MOST_SENSORS`."""
     if not row.by or not len(messages):
         yield _raw_series(row, messages, None, units, notes)
         return
     ids = np.column_stack([messages[name] for name in row.by])
-    sensors = np.unique(ids, axis=0)
-    for number, own in enumerate(sensors):
-        several = number if len(sensors) > 1 else None
-        yield _raw_series(row, messages.select(np.asarray((ids == own).all(axis=1))), several, units, notes)
+    _, which, counts = np.unique(ids, axis=0, return_inverse=True, return_counts=True)
+    which = which.ravel()
+    if (left_out := len(counts) - _MOST_SENSORS) > 0:
+        notes.append(f"{messages.name} speaks of {len(counts)} sensors: the {left_out} with the fewest are left out")
+    kept = np.sort(np.argsort(-counts, kind="stable")[:_MOST_SENSORS])
+    for number, own in enumerate(kept.tolist()):
+        several = number if len(kept) > 1 else None
+        yield _raw_series(row, messages.select(np.asarray(which == own)), several, units, notes)
 
 
 def _raw_series(

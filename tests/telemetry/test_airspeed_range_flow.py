@@ -211,3 +211,20 @@ def test_what_ardupilot_marks_as_no_reading_is_none(tmp_path: Path) -> None:
     ((finder,),) = (flight.ranges for flight in c.open_log(tmp_path / "log.bin"))
     expected = [TRUE["range"][i] if marks[i % len(marks)][2] else np.nan for i in range(N)]
     np.testing.assert_allclose(finder.distance, expected, atol=1e-6)
+
+
+def test_of_sensors_without_number_those_are_read_that_say_the_most(tmp_path: Path) -> None:
+    """Anybody on a link can make up 65,536 ids, and each would be looked for in all messages."""
+    log = Writer(tmp_path / "log.tlog")
+    log.rest(12.0)
+    made_up = np.random.default_rng(1).integers(0, 200, (600, 2)).tolist()
+    for i in range(600):
+        common = {"time_boot_ms": 20_000 + 20 * i, "min_distance": 1, "max_distance": 700, "type": 0, "covariance": 0}
+        for number, orientation in ((250, 25), made_up[i]):
+            of = {"id": number, "orientation": orientation, "current_distance": 100 + i % 50}
+            log.send(12.0 + i * 1e-3, "distance_sensor", **common, **of)
+    (flight,) = c.open_log(log.close())
+    assert sum(key.startswith("range") for key in flight.series) == 64
+    assert max(flight.ranges, key=len).orientation == 25
+    assert len(max(flight.ranges, key=len)) == 600
+    assert any("DISTANCE_SENSOR speaks of" in note for note in flight.notes)
