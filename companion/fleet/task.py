@@ -192,15 +192,21 @@ _SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b|^([0-9a-f]{32})
 
 
 def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
-    """IMU message → the autopilot's id of its "gyro" or "accel", where the parameters are in the log.
+    """IMU message → the autopilot's id of its "gyro" or "accel", where the log tells it.
 
     The id holds bus, address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
+    PX4's parameters name the sensors that were calibrated, in the order of that: where the log names the gyro that was
+    read and this is another, nothing is said of its accelerometer.
     """
     known = flight.parameters
-    ids = {
-        name: next((int(known[p]) for p in id_parameters(sensor, track.instance) if p in known), 0)
-        for name, track in flight.imus.items()
-    }
+    ids = {}
+    for name, track in flight.imus.items():
+        gyro, named = (
+            next((int(known[p]) for p in id_parameters(of, track.instance) if p in known), 0) for of in ("gyro", sensor)
+        )
+        if track.device_id and track.device_id != gyro:
+            named = track.device_id if sensor == "gyro" else 0
+        ids[name] = named
     return {name: number for name, number in ids.items() if number}
 
 

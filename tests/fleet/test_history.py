@@ -16,7 +16,8 @@ from companion.cli import main
 from companion.fleet.journal import Plan, version_of
 from companion.fleet.run import write_results
 from companion.fleet.search import find_logs
-from companion.fleet.task import decode, examine_log
+from companion.fleet.task import decode, examine_log, sensor_ids
+from companion.model import Flight, ImuTrack, Vehicle
 from companion.simulate import TYPICAL, SimulatedVehicle, fly
 
 pytestmark = pytest.mark.slow
@@ -81,3 +82,16 @@ def test_another_table_and_no_table_are_refused(logs: Path, results: Path, tmp_p
         assert "is no table of checks before take-off" in capsys.readouterr().err
     assert main(["preflight", str(logs / "5.tlog"), "--history", str(results)]) == 2
     assert "1 flight of this vehicle" in capsys.readouterr().err
+
+
+def test_ids_are_those_of_the_gyros_that_were_read() -> None:
+    """PX4 numbers its calibrations in the order in which they were made, and its IMUs as they start."""
+    t, zero = np.arange(3.0), np.zeros((3, 3))
+    imus = {
+        f"vehicle_imu_{i}": ImuTrack(t, zero, zero, f"vehicle_imu_{i}", instance=i, device_id=device)
+        for i, device in enumerate((2, 1, 3))
+    }
+    named = {"CAL_GYRO0_ID": 1.0, "CAL_GYRO1_ID": 2.0, "CAL_GYRO2_ID": 3.0, "CAL_ACC0_ID": 1.0, "CAL_ACC2_ID": 33.0}
+    flight = Flight(Vehicle(1, 1, autopilot="PX4", type="QUADROTOR"), 1, 0.0, 2.0, imus=imus, parameters=named)
+    assert sensor_ids(flight, "gyro") == {"vehicle_imu_0": 2, "vehicle_imu_1": 1, "vehicle_imu_2": 3}
+    assert sensor_ids(flight, "accel") == {"vehicle_imu_2": 33}
