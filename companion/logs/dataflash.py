@@ -372,8 +372,12 @@ def read_dataflash(
 
 def _times(layout: RecordLayout) -> np.dtype[np.void]:
     """Of a type that is not requested: its time, which all but a few have as their first field."""
-    timed = layout.clock and layout.fields[0] == layout.clock
-    return np.dtype([(layout.clock, layout.dtype[layout.clock])] if timed else [])
+    if not layout.clock:
+        return np.dtype([])
+    kind, offset = layout.dtype.fields[layout.clock][:2]  # type: ignore[index]
+    return np.dtype(
+        {"names": [layout.clock], "formats": [kind], "offsets": [offset], "itemsize": offset + kind.itemsize}
+    )
 
 
 def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:

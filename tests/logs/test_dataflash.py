@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
+from companion.app.recording import open_log
 from companion.logs import Records, read_dataflash
 from companion.model import InputError
+from tests.dataflash_writer import write_dataflash
 from tests.recordings import alike, recording
 
 pytestmark = pytest.mark.slow
@@ -129,6 +131,18 @@ OF_UNITS = [
     (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
     (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
 ]
+
+
+def test_a_type_that_is_not_asked_for_has_its_times_wherever_they_stand(tmp_path: Path) -> None:
+    types = {"ABC": ("BQf", "X,TimeUS,Y"), "IMU": ("Qf", "TimeUS,GyrX")}
+    rows: list[tuple[str, tuple[object, ...]]] = [
+        row for i in range(50) for row in (("ABC", (7, 1000 * i, 0.5)), ("IMU", (1000 * i, 0.1)))
+    ]
+    log = write_dataflash(tmp_path / "log.bin", types, rows)
+    other = read_dataflash(log, names=("IMU",)).messages["ABC"]
+    np.testing.assert_allclose(other.t, 1e-3 * np.arange(50))
+    np.testing.assert_allclose(other.select(slice(3, 5)).t, [3e-3, 4e-3])
+    assert len(open_log(log)) == 1
 
 
 def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> None:
