@@ -27,7 +27,7 @@ from companion.telemetry import (
     SDLOG2_RECORDS,
     TOPICS,
     NonVehicle,
-    dataflash_flight,
+    dataflash_flights,
     flights,
     is_sdlog2,
     sdlog2_flight,
@@ -137,9 +137,9 @@ def _read_dataflash(
     if is_sdlog2(log.messages):
         return Recording(source, (sdlog2_flight(log.messages, dialect.enum_names("MAV_TYPE")),))
     records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
-    del log  # `dataflash_flight` lets go of what it has read
-    flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
-    return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
+    del log  # `dataflash_flights` lets go of what it has read
+    made = dataflash_flights(records, dialect, core=core, undecoded=undecoded)
+    return Recording(source, made) if made else Recording(source, (), no_flight=nothing)
 
 
 def open_log(

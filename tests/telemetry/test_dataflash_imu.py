@@ -297,3 +297,31 @@ def test_a_real_log_of_old_firmware_is_what_pymavlink_reads() -> None:
     assert any("did not fly" in note for note in flight.notes)
     assert flight.parameters["INS_ACCSCAL_X"] == pytest.approx(0.9962359)
     assert sum(event.kind == "mode" for event in flight.events) > 5
+
+
+def test_logs_that_are_joined_are_a_flight_each(tmp_path: Path) -> None:
+    """By time alone the samples of two boots would lie between one another."""
+    types = {
+        "PARM": ("QNf", "TimeUS,Name,Value"),
+        "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+        "ATT": ("QccC", "TimeUS,Roll,Pitch,Yaw"),
+    }
+    joined = b""
+    for rate in (0.1, -0.3, 0.2):
+        rows: list[tuple[str, tuple[object, ...]]] = [("PARM", (900_000, "INS_GYRO_FILTER", 10.0 + rate))]
+        for i in range(800):
+            rows.append(("IMU", (1_000_000 + 10_000 * i, 0, rate, 0.0, 0.0, 0.0, 0.0, -9.8)))
+            rows += [("ATT", (1_000_000 + 10_000 * i, 0, 0, 0))] if i % 10 == 0 else []
+        joined += write_dataflash(tmp_path / "one.bin", types, rows).read_bytes()
+    log = tmp_path / "joined.bin"
+    log.write_bytes(joined)
+    flights = c.open_log(log)
+    assert [flight.boot for flight in flights] == [1, 2, 3]
+    for flight, rate in zip(flights, (0.1, -0.3, 0.2), strict=True):
+        imu = flight.imus["IMU[0]"]
+        assert len(imu) == 800
+        np.testing.assert_allclose(imu.gyro[:, 0], rate, rtol=1e-6)
+        assert imu.gyro_low_pass_hz == pytest.approx(10.0 + rate)
+        assert flight.attitude is not None
+        assert len(flight.attitude) == 80
+    assert [any("joined" in note for note in flight.notes) for flight in flights] == [False, True, True]

@@ -1,3 +1,3 @@
-"""ArduPilot's on-board log (.bin) → its flight: IMUs, the estimator's own solution, and the sensors that aid it."""
+"""ArduPilot's on-board log (.bin) → its flights: IMUs, the estimator's own solution, and the sensors that aid it."""
 
-from companion.telemetry.dataflash.flight import RECORDS, dataflash_flight, why_no_flight
+from companion.telemetry.dataflash.flight import RECORDS, dataflash_flights, why_no_flight

@@ -1,4 +1,4 @@
-"""ArduPilot's on-board log → its flight. The IMU is there at 25-1000 Hz, as floats.
+"""ArduPilot's on-board log → its flights. The IMU is there at 25-1000 Hz, as floats.
 
 Attitude and position are those of the primary EKF core (XKQ and XKF1, or NKQ and NKF1 of EKF2), which live in the frame
 of the IMU: AHRS_TRIM plays no part. Where a log has none, ATT is taken, which is what ATTITUDE would have said.
@@ -34,6 +34,7 @@ from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.control import actuators_of, control_of, truth_track
 from companion.telemetry.dataflash import cores, pose
+from companion.telemetry.dataflash.joined import boots
 from companion.telemetry.dataflash.pose import ekf_origin, in_frame
 from companion.telemetry.dataflash.sensors import IMU_NUMBERS, NEEDED, imu_tracks, record_sensors, with_times
 from companion.telemetry.events import dataflash_events, parameter_changes
@@ -132,10 +133,22 @@ RECORDS = NEEDED | _NUMBERS.keys() | _WORDS.keys() | _OUTPUTS.keys() | _OTHERS
 
 
 @np.errstate(invalid="ignore", over="ignore")  # damage makes NaNs that signal, and numbers beyond all bounds
-def dataflash_flight(
+def dataflash_flights(
     messages: dict[str, Records], dialect: Dialect, *, core: int | None, undecoded: Mapping[str, int]
+) -> tuple[Flight, ...]:
+    """The flight of a .bin, or of each log that was joined to it; none when it has no times at all.
+
+    The records are taken over: see `_flight`. Raises DataError when a log has no such core.
+    """
+    several = list(enumerate(boots(messages), 1))
+    made = [_flight(records, dialect, core=core, undecoded=undecoded, boot=boot) for boot, records in several]
+    return tuple(flight for flight in made if flight is not None)
+
+
+def _flight(
+    messages: dict[str, Records], dialect: Dialect, *, core: int | None, undecoded: Mapping[str, int], boot: int
 ) -> Flight | None:
-    """The one flight of a .bin; None when it has no times at all.
+    """The flight of one boot; None when it has no times at all.
 
     The records are taken over: the dictionary is empty afterwards, and the IMU's are let go when they have become
     tracks. dialect: has the names of the modes. core: of the EKF, to compare with; None: the one that flew.
@@ -164,9 +177,9 @@ def dataflash_flight(
     names, _, values = _parameters(records)
     parameters = values_of(names, values)
     ekf = cores.flew(records, at_boot(parameters, values_of(names, values, first=True)))
-    notes: list[str] = []
+    notes = [] if boot == 1 else [f"log {boot} of several that are joined in this file"]
     core = cores.reference_core(ekf, core, notes)
-    flight = _without_tracks(ekf, parameters, times, dialect)
+    flight = replace(_without_tracks(ekf, parameters, times, dialect), boot=boot)
     del times
     return _with_tracks(flight, records, ekf, core, [*notes, *damaged, *wrong])
 
