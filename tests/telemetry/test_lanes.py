@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_each_instance_of_px4_is_a_lane(tmp_path: Path, attitudes: str) -> None:
         return {"timestamp": t, **{name: np.float32(v) * one for name, v in numbers.items()}, **valid, **place}
 
     states = np.zeros((len(t), 24), np.float32)
-    states[:, 0], states[:, 4], states[:, 9] = 1.0, 1.0, -5.0
+    states[:, 0], states[:, 4], states[:, 7], states[:, 9] = 1.0, 1.0, 7.0, -5.0
     estimated = level if "attitude" in attitudes else states
     topics: dict[str, Fields] = {
         f"{attitudes}{suffix}": {"timestamp": t, "q" if "attitude" in attitudes else "states": estimated}
@@ -102,6 +103,24 @@ def test_each_instance_of_px4_is_a_lane(tmp_path: Path, attitudes: str) -> None:
     assert flight.lanes[1].position[4, 2] == pytest.approx(-5.0)
     assert flight.lane_in_use is not None
     assert flight.lane_in_use.changes == [(1.0, 0), (6.5, 1)]
+
+
+@pytest.mark.parametrize("is_global", [True, False])
+def test_a_lane_of_px4_since_1_16_knows_its_height_alone(tmp_path: Path, is_global: bool) -> None:
+    """Its state vector has 0, 0 and minus the height above the sea, and no place about the origin."""
+    t = np.arange(1_000_000, 11_000_000, 500_000, dtype=np.uint64)
+    one, flags = np.ones(len(t), np.float32), ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "xy_global")
+    local: dict[str, Any] = {"timestamp": t} | dict.fromkeys(flags, np.full(len(t), is_global))
+    local |= dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), one)
+    local |= {"ref_lat": 47.0 * one.astype(np.float64), "ref_lon": 8.0 * one.astype(np.float64), "ref_alt": 489.5 * one}
+    states = np.zeros((len(t), 25), np.float32)
+    states[:, 0], states[:, 4], states[:, 9] = 1.0, 1.0, -497.0
+    path = tmp_path / "states.ulg"
+    path.write_bytes(ulog({"estimator_states": {"timestamp": t, "states": states}, "vehicle_local_position": local}))
+    (lane,) = c.open_log(path)[0].lanes
+    assert np.isnan(lane.position[:, :2]).all()
+    np.testing.assert_allclose(lane.position[:, 2], -7.5 if is_global else np.nan)
+    np.testing.assert_allclose(lane.velocity, np.tile([1.0, 0.0, 0.0], (len(lane), 1)))
 
 
 def test_a_link_has_the_second_estimate(tmp_path: Path) -> None:

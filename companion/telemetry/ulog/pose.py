@@ -202,17 +202,25 @@ def lanes(topics: Topics, origin: Origin | None, by_device: Mapping[int, int]) -
         states = name.startswith("estimator_states")
         q = topic.array("states" if states else "q", range(4))
         _, t, q = attitudes(sampled(topic), q)
-        velocity, position = _states(t, topic) if states else _lane_moved(t, moved.get(instance), origin)
+        velocity, position = _states(t, topic, origin) if states else _lane_moved(t, moved.get(instance), origin)
         named = f"EKF2 instance {instance}"
         made.append(EstimatorLane(t, q, velocity, position, named, instance, name, gyros.get(instance)))
     return tuple(lane for lane in made if len(lane) > 1)
 
 
-def _states(t: Array, topic: Topic) -> tuple[Array, Array]:
-    """Velocity and position (N, 3) of the state vector, about the origin of the EKF."""
+def _states(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]:
+    """Velocity and position (N, 3) of the state vector, about the origin of the EKF.
+
+    Since PX4 1.16 its position is 0, 0 and minus the height above the sea (Ekf::predictState, `_state.pos(2) =
+    -_gpos.altitude()`): north and east are not logged, and down is known where that of the origin is.
+    """
     own = sampled(topic)
     row = np.clip(np.searchsorted(own, t), 0, len(own) - 1)
-    return topic.array("states", range(4, 7))[row], topic.array("states", range(7, 10))[row]
+    position = topic.array("states", range(7, 10))[row]
+    if not position[:, :2].any():
+        position[:, :2] = np.nan
+        position[:, 2] += np.nan if origin is None else origin.height
+    return topic.array("states", range(4, 7))[row], position
 
 
 def _lane_moved(t: Array, topic: Topic | None, origin: Origin | None) -> tuple[Array, Array]:
