@@ -528,3 +528,20 @@ def test_how_far_imus_are_apart_is_what_px4_says_of_those_that_there_are(read: A
         assert (told[f"gyro_{i}_healthy"] == healthy[:, i]).all(), "a sensor that is never healthy is one nevertheless"
     assert np.isnan(told["gyro_2_radps"]).all(), "its device id is 0"
     assert np.isnan(told["accel_3_healthy"]).all()
+
+
+def test_one_damaged_interval_does_not_change_the_unit_of_all(tmp_path: Path) -> None:
+    """Some releases before PX4 1.7 tell the interval in s, all others in µs."""
+    n = 400
+    interval = np.full(n, 0.004, np.float32)
+    interval[100] = 3e7
+    readings = np.tile(np.array([0.01, 0.0, -9.8], np.float32), (n, 1))
+    t = (10_000_000 + 4000 * np.arange(n)).astype(np.uint64)
+    combined: Fields = {"timestamp": t, "gyro_rad": readings, "accelerometer_m_s2": readings}
+    path = tmp_path / "old.ulg"
+    path.write_bytes(ulog({"sensor_combined": {**combined, "gyro_integral_dt": interval}}, version=(1, 6)))
+    imu = c.open_log(path)[0].imus["sensor_combined"]
+    assert len(imu) == n - 1
+    assert imu.interval is not None
+    np.testing.assert_allclose(imu.interval, 0.004, rtol=1e-6)
+    assert imu.t[0] == pytest.approx(9.998)

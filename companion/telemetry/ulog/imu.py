@@ -77,7 +77,8 @@ def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
 def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
     """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
     own = topic.column("gyro_integral_dt")
-    own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
+    known = own[np.isfinite(own)]
+    own *= 1e-6 if len(known) and np.median(known) >= 1.0 else 1.0  # one may be damaged
     gyro, accel = topic.array("gyro_rad"), topic.array("accelerometer_m_s2")
     good = (own >= 0.0) & (own < LONGEST_WAIT_S) & not_zero(gyro, accel)
     return imu_track("sensor_combined", topic.seconds() - own / 2, gyro, accel, good, notes, interval=own)
