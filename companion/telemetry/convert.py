@@ -238,10 +238,34 @@ def in_force(t: Array, settings: Sequence[tuple[float, Setting]]) -> Iterator[tu
             yield now, setting
 
 
-def attitude(messages: Messages, notes: list[str]) -> AttitudeTrack | None:
-    """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions, with bias-corrected body rates."""
+_PITCH_TRIMS = {"PTCH_TRIM_DEG": SI["deg"], "TRIM_PITCH_CD": SI["cdeg"]}  # since ArduPlane 4.5, and before
+_TRIM_NOT_TAKEN_OFF = 1 << 8  # FLIGHT_OPTIONS: GCS_REMOVE_TRIM_PITCH
+
+
+def pitch_trim(vehicle: Vehicle, parameters: Mapping[str, float]) -> float:
+    """rad, by which the pitch in ATTITUDE is less than the plane's (ArduPlane `GCS_Mavlink.cpp`, send_attitude).
+
+    That of a plane that takes off vertically is not in its vertical modes, and so is taken as it is.
+    """
+    vertical = parameters.get("Q_ENABLE", 0.0) != 0.0
+    if vehicle.autopilot != "ARDUPILOTMEGA" or vehicle.type != "FIXED_WING" or vertical:
+        return 0.0
+    known = [parameters[name] * unit for name, unit in _PITCH_TRIMS.items() if name in parameters]
+    kept = int(parameters.get("FLIGHT_OPTIONS", 0.0)) & _TRIM_NOT_TAKEN_OFF
+    return known[0] if known and not kept else 0.0
+
+
+def attitude(messages: Messages, notes: list[str], trim_off: float = 0.0) -> AttitudeTrack | None:
+    """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions, with bias-corrected body rates.
+
+    trim_off: the `pitch_trim`, which only the angles are without.
+    """
     if "roll" in (messages.rows.dtype.names or ()):
-        q = from_euler(*messages.columns("roll", "pitch", "yaw").T)
+        roll, pitch, yaw = messages.columns("roll", "pitch", "yaw").T
+        if trim_off:
+            lack = f"{np.degrees(trim_off):+.2f}°"
+            notes.append(f"{messages.name}: its pitch lacks the trim of {lack} (PTCH_TRIM_DEG), which is added")
+        q = from_euler(roll, pitch + trim_off, yaw)
     else:
         q = messages.columns("q1", "q2", "q3", "q4")
     keep, t, q = samples.attitudes(messages.t, q)

@@ -187,7 +187,8 @@ def _boots_of(
 def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     messages, flight, imus = begun.boot.messages, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
-    attitudes = _made(begun, convert.attitude, "ATTITUDE_QUATERNION", "ATTITUDE")
+    angles = partial(convert.attitude, trim_off=convert.pitch_trim(flight.vehicle, flight.parameters))
+    attitudes = _made(begun, angles, "ATTITUDE_QUATERNION", "ATTITUDE")
     attitude, notes_of = max(attitudes, key=lambda one: len(one[0]), default=(None, []))
     positions = _made(begun, convert.position, "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
     position, odd = max(positions, key=lambda one: _weight(one[0]), default=(None, []))

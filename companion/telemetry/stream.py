@@ -59,7 +59,7 @@ def newest_tracks(
         if name == imu:
             track = convert.imu(sent, flight.vehicle, flight.parameters, turns, [], dequantise=dequantise)
         elif name.startswith("ATTITUDE"):
-            attitude = convert.attitude(sent, [])
+            attitude = convert.attitude(sent, [], convert.pitch_trim(flight.vehicle, flight.parameters))
         elif name == "LOCAL_POSITION_NED":
             position = convert.position(sent, [])
         else:

@@ -12,6 +12,7 @@ import pytest
 import companion as c
 from companion.mavlink import Packer
 from tests.dataflash_writer import write_dataflash
+from tests.tlogs import Writer
 from tests.ulogs import key, message, ulog
 
 DEVICE = 1310988
@@ -61,6 +62,36 @@ def test_what_the_drivers_of_old_have_calibrated_is_not_calibrated_again(tmp_pat
     (imu,) = flight.imus.values()
     np.testing.assert_allclose(imu.gyro[:, 0].mean(), 0.0, atol=1e-4)
     np.testing.assert_allclose(imu.accel[:, 2].mean(), -9.8, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "kind", "pitch"),
+    [
+        ({"PTCH_TRIM_DEG": 3.0}, 1, 3.0),
+        ({"TRIM_PITCH_CD": 300.0}, 1, 3.0),
+        ({"PTCH_TRIM_DEG": 3.0, "FLIGHT_OPTIONS": 256.0}, 1, 0.0),
+        ({"PTCH_TRIM_DEG": 3.0, "Q_ENABLE": 1.0}, 1, 0.0),
+        ({"PTCH_TRIM_DEG": 3.0}, 2, 0.0),
+    ],
+)
+def test_the_pitch_of_a_plane_is_sent_without_its_trim(
+    tmp_path: Path, parameters: dict[str, float], kind: int, pitch: float
+) -> None:
+    """ArduPlane's send_attitude: `p -= radians(plane.g.pitch_trim)`, unless GCS_REMOVE_TRIM_PITCH is set."""
+    log = Writer(tmp_path / "plane.tlog")
+    for i, (name, value) in enumerate(parameters.items()):
+        said: dict[str, Any] = {"param_value": value, "param_type": 9, "param_count": 2, "param_index": i}
+        log.send(0.0, "param_value", param_id=name.encode(), **said)
+    for i in range(200):
+        if i % 50 == 0:
+            log.heartbeat(0.02 * i, kind=kind)
+        log.raw_imu(0.02 * i, 20 + 0.02 * i)
+        log.attitude(0.02 * i, 20 + 0.02 * i)
+    path = log.close()
+    (flight,) = c.open_log(path)
+    assert flight.attitude is not None
+    np.testing.assert_allclose(2.0 * np.degrees(np.arcsin(flight.attitude.q_ned_frd[:, 2])), pitch, atol=1e-6)
+    assert any("lacks the trim" in note for note in flight.notes) == (pitch != 0.0)
 
 
 def test_in_a_dataflash_log_a_trim_holds_from_when_it_is_set_and_a_mask_from_the_next_boot(tmp_path: Path) -> None:
