@@ -61,7 +61,7 @@ def simulate_options(parser: options.Parser) -> None:
         default=[],
         metavar="NAME[@T]",
         help="imu-bias@T, imu-stuck@T, imu-clip@T (10 s), gps-glitch@T (20 s), ekf-reset@T, reboot@T, silence@T "
-        "(10 s), or loss, duplicates, garbage; may be repeated",
+        "(10 s), or loss, duplicates, garbage; may be repeated, each once but for reboot and silence",
     )
 
 
@@ -137,6 +137,9 @@ _FAULTS: Mapping[str, Callable[[float], dict[str, Any]]] = {
 }
 """Name of a fault → the arguments of `Faults` for one at a time, s."""
 
+_REPEATED = ("reboot", "silence")
+"""The arguments of `Faults` that hold one for each time."""
+
 
 def faults_of(names: list[str]) -> Faults:
     """The faults that the command line names. Raises SettingsError for one that there is not."""
@@ -151,7 +154,10 @@ def faults_of(names: list[str]) -> Faults:
             raise SettingsError(f"--fault {text}: {when!r} is not a time in seconds.")
         if name not in _FAULTS:
             raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(_FAULTS)}.")
-        chosen |= _FAULTS[name](t)
+        for field, value in _FAULTS[name](t).items():
+            if field in chosen and field not in _REPEATED:
+                raise SettingsError(f"--fault {text}: there is one {name} in a flight, and it is given twice.")
+            chosen[field] = (*chosen.get(field, ()), *value) if field in _REPEATED else value
     return Faults(**chosen)
 
 

@@ -18,6 +18,7 @@ from pymavlink import mavutil
 
 import companion as c
 from companion.cli import live, main
+from companion.cli.senders import faults_of
 from companion.links import parse_address
 from companion.links.requests import ALLOWED_MESSAGES
 from companion.simulate import PARAMETERS, Faults
@@ -410,6 +411,13 @@ def test_what_cannot_be_done_is_said_with_exit_code_2(tmp_path: Path, capsys: py
     assert there.read_bytes() == b"a flight"
 
 
+def test_a_simulated_vehicle_reboots_and_falls_silent_as_often_as_it_is_told() -> None:
+    faults = faults_of(["reboot@10", "silence@5", "imu-bias@3", "reboot@25", "silence@20"])
+    assert faults.reboot == (10.0, 25.0)
+    assert faults.silence == ((5.0, 15.0), (20.0, 30.0))
+    assert faults.imu_bias is not None
+
+
 def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(tmp_path / "a.tlog")
     assert main(["simulate", "-o", path, "--duration", "30", "--fault", "imu-bias@15", "--fault", "reboot@20"]) == 0
@@ -424,6 +432,7 @@ def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pyt
     for words, reason in {
         ("--fault", "reboot@nan"): "not a time in seconds",
         ("--fault", "reboot@-3"): "not a time in seconds",
+        ("--fault", "imu-bias@3", "--fault", "imu-bias@9"): "there is one imu-bias in a flight",
         ("--sysid", "300"): "between 1 and 255",
     }.items():
         assert main(["simulate", "-o", path, "--force", "--duration", "1", *words]) == 2
