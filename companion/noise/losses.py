@@ -43,7 +43,7 @@ def undelayed(track: ImuTrack) -> ImuTrack:
 
     A low-pass of second order delays by √2 / (2π f).
     """
-    known = _corners(track)
+    known = low_passes(track)
     if known is None:
         return track
     gyro, accel = (np.sqrt(2.0) / (2.0 * np.pi * f) if f > 0 else 0.0 for f in known)
@@ -58,15 +58,15 @@ def restored(track: ImuTrack, gaps: BoolArray) -> ImuTrack:
 
     gaps: (N-1,) whether samples are missing between two; beside one the readings stay as they are.
     """
-    known = _corners(track)
+    known = low_passes(track)
     if known is None:
         return track
     gyro, accel = (_given_back(track, *one, gaps) for one in zip((track.gyro, track.accel), known, strict=True))
     return replace(track, gyro=gyro, accel=accel)
 
 
-def _corners(track: ImuTrack) -> tuple[float, float] | None:
-    """Of gyro and accelerometer, Hz, 0 for none. Where one of both is not known, it is as the other."""
+def low_passes(track: ImuTrack) -> tuple[float, float] | None:
+    """Those of gyro and accelerometer, Hz, 0 for none. Where one of both is not known, it is as the other."""
     known = [f for f in (track.gyro_low_pass_hz, track.accel_low_pass_hz) if f is not None]
     return (known[0], known[-1]) if known else None
 

@@ -24,10 +24,13 @@ import numpy.typing as npt
 from companion.constants import harm, healthy, num
 from companion.model import Array, ImuTrack, IntArray, integrated
 from companion.noise.chi_square import chi_square
+from companion.noise.losses import low_passes
 from companion.noise.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
 
 _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
 _NORMAL = NormalDist()
+
+SensorName = Literal["gyro", "accel"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +68,16 @@ class WhiteNoise:
     hidden: npt.NDArray[np.bool_]  # (3,) below the steps of the readings: then `sampled` is an upper bound
 
 
-def sampling_of(track: ImuTrack) -> Sampling:
-    """What the log says of how a track was sampled; "point" where it says nothing."""
-    if track.low_pass_hz:
-        return Sampling("filtered", corner_hz=float(track.low_pass_hz), source="log")
+def sampling_of(track: ImuTrack, sensor: SensorName | None = None) -> Sampling:
+    """What the log says of how a sensor was sampled; "point" where it says nothing.
+
+    Either sensor has its own low-pass. Without a sensor: behind the lower one of both.
+    """
+    corner = track.low_pass_hz
+    if sensor is not None and (known := low_passes(track)) is not None:
+        corner = known[0 if sensor == "gyro" else 1]
+    if corner:
+        return Sampling("filtered", corner_hz=float(corner), source="log")
     if track.interval is not None and len(track) and float(np.median(track.interval)) > 0:
         return Sampling("averaged", interval_s=float(np.median(track.interval)), source="log")
     return Sampling("point")
@@ -88,7 +97,7 @@ def folded_gain(frequency_hz: Array, rate_hz: float, sampling: Sampling) -> Arra
 
 
 def white_noise(
-    track: ImuTrack, sensor: Literal["gyro", "accel"], gap_s: float, sampling: Sampling | None = None
+    track: ImuTrack, sensor: SensorName, gap_s: float, sampling: Sampling | None = None
 ) -> WhiteNoise | None:
     """The white noise of an IMU in motion or at rest; None where no band or too little time is left to read it in.
 
@@ -96,7 +105,7 @@ def white_noise(
     the filter's corner (at most 10 Hz) the lower quartile, so that vibration does not: both corrected for
     what they are of white noise. What shakes all of the band all of the time counts as noise: it is to the integration.
     """
-    rate, how = track.rate_hz, sampling or sampling_of(track)
+    rate, how = track.rate_hz, sampling or sampling_of(track, sensor)
     band = _band(rate, how)
     if band is None:
         return None
@@ -260,12 +269,16 @@ def aliasing(track: ImuTrack, index: IntArray, gap_s: float) -> dict[str, Aliase
     readings that are means over the whole of their interval, or filtered well below the sampling rate.
     gap_s: sample intervals that are longer than this are gaps.
     """
-    how = sampling_of(track)
-    averaged = (how.interval_s or 0.0) > num.MEAN_OF_INTERVAL / track.rate_hz
-    if averaged or (how.corner_hz and how.corner_hz < num.ALIASED_CORNER * track.rate_hz):
-        return {}
     out = {}
-    for sensor, readings, least in (("gyro", track.gyro, healthy.SCALE_SHOWS_RPS), ("accel", track.accel, 0.0)):
+    sensors: tuple[tuple[SensorName, Array, float], ...] = (
+        ("gyro", track.gyro, healthy.SCALE_SHOWS_RPS),
+        ("accel", track.accel, 0.0),
+    )
+    for sensor, readings, least in sensors:
+        how = sampling_of(track, sensor)
+        averaged = (how.interval_s or 0.0) > num.MEAN_OF_INTERVAL / track.rate_hz
+        if averaged or (how.corner_hz and how.corner_hz < num.ALIASED_CORNER * track.rate_hz):
+            continue
         beating = _strongest_line(track, readings, gap_s)
         out[f"{sensor}_bias"] = Aliased(beating)
         of_scale = beating / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)

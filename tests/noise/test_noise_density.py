@@ -179,3 +179,20 @@ def _turning(t: Array, rate: Array) -> ImuTrack:
     """About x."""
     still = np.zeros((len(t), 3))
     return ImuTrack(source="RAW_IMU", t=t, gyro=still + rate[:, None] * [1.0, 0.0, 0.0], accel=still - [0.0, 0.0, 9.8])
+
+
+def test_either_sensor_has_its_own_low_pass() -> None:
+    """ArduPilot's INS_GYRO_FILTER 80 and INS_ACCEL_FILTER 10: at 50 Hz that of the gyro is folded."""
+    fast, slow = recorded("rest", 80.0, 50, told=False), recorded("rest", 10.0, 50, told=False)
+    track = replace(fast, accel=slow.accel, gyro_low_pass_hz=80.0, accel_low_pass_hz=10.0)
+    gyro, accel = white_noise(track, "gyro", GAP), white_noise(track, "accel", GAP)
+    assert gyro is not None
+    assert accel is not None
+    assert gyro.sensor is not None
+    assert accel.sensor is not None
+    np.testing.assert_allclose(gyro.sensor, GYRO, rtol=0.15)
+    np.testing.assert_allclose(accel.sensor, ACCEL, rtol=0.15)
+    assert set(aliasing(track, np.arange(0, len(track), 50), GAP)) == {"gyro_bias", "gyro_scale"}
+    half_known = replace(track, accel_low_pass_hz=None)
+    assert sampling_of(half_known, "accel").corner_hz == 80.0
+    assert sampling_of(replace(track, gyro_low_pass_hz=0.0), "gyro").kind == "point"
