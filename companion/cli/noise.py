@@ -19,8 +19,8 @@ from companion.comparison import FlightNoise, ImuNoise, RestNoise
 from companion.documents import noise_document
 from companion.export import kalibr_text
 from companion.model import DataError, Flight, InputError
-from companion.noise import folded_gain, folded_onto
-from companion.present import SENSORS, density, fixed, interval
+from companion.noise import Sampling, folded_gain, folded_onto
+from companion.present import SENSORS, capitalised, density, fixed, interval
 
 _VIBRATION = {"gyro": ("°/s", float(np.degrees(1.0))), "accel": ("m/s²", 1.0)}
 """Unit of a vibration, and the factor to it."""
@@ -108,8 +108,16 @@ def _lines(noises: list[ImuNoise], refused: dict[str, str]) -> Iterator[str | Ta
 
 
 def _head(noise: ImuNoise) -> Iterator[str]:
-    sampling, sheet = noise.sampling, noise.imu_spec
+    sheet = noise.imu_spec
     yield f"IMU noise model: {escape(sheet.name)} ({escape(sheet.reason)})"
+    if noise.sampling == noise.accel_sampling:
+        yield from _sampled(noise.sampling, noise.rate_hz)
+        return
+    for sensor, sampling in zip(SENSORS, (noise.sampling, noise.accel_sampling), strict=True):
+        yield from (f"{capitalised(sensor.name)}: {line}" for line in _sampled(sampling, noise.rate_hz))
+
+
+def _sampled(sampling: Sampling, rate_hz: float) -> Iterator[str]:
     source = {"log": "by the log", "spectrum": "by its spectrum at rest", "assumed": "assumed"}[sampling.source]
     if sampling.confirmed is not None:
         source += ", confirmed by its spectrum" if sampling.confirmed else ", not confirmed by its spectrum"
@@ -117,13 +125,13 @@ def _head(noise: ImuNoise) -> Iterator[str]:
         before = f", after a low-pass of {sampling.corner_hz:.0f} Hz (spectrum)" if sampling.corner_hz else ""
         yield f"Sampling: mean of {1e3 * (sampling.interval_s or 0.0):.1f} ms ({source}){before}"
     elif sampling.corner_hz:
-        share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), noise.rate_hz, sampling)[0])
+        share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), rate_hz, sampling)[0])
         yield f"Sampling: after a low-pass of {sampling.corner_hz:.0f} Hz ({source})"
-        yield f"Aliasing: {share:.0%} of the white noise is folded from above {noise.rate_hz / 2:.1f} Hz"
+        yield f"Aliasing: {share:.0%} of the white noise is folded from above {rate_hz / 2:.1f} Hz"
     else:
         seen = sampling.source == "spectrum"
         yield "Sampling: " + (f"no low-pass ({source})" if seen else "assumed unfiltered (not stated in the log)")
-        yield f"Aliasing: whatever shakes faster than {noise.rate_hz / 2:.1f} Hz is folded in"
+        yield f"Aliasing: whatever shakes faster than {rate_hz / 2:.1f} Hz is folded in"
 
 
 def _at_rest(rest: RestNoise) -> Table:

@@ -18,6 +18,7 @@ from companion.noise import (
     Coefficient,
     Peak,
     Sampling,
+    SensorName,
     Spectrum,
     WhiteNoise,
     allan_deviation,
@@ -31,7 +32,7 @@ from companion.noise import (
     white_noise,
 )
 
-_SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
+_SENSORS: tuple[SensorName, ...] = ("gyro", "accel")
 _AXES = "xyz"
 
 
@@ -80,7 +81,8 @@ class ImuNoise:
 
     imu: str
     rate_hz: float
-    sampling: Sampling
+    sampling: Sampling  # how the gyro was read
+    accel_sampling: Sampling  # the same, unless the log gives the accelerometer a low-pass of its own
     imu_spec: ImuSpec  # the data sheet's
     rests: tuple[RestNoise, ...]  # those of two minutes or more, else the longest if it has ten seconds
     flight: FlightNoise | None  # None where no part of the flight is long enough
@@ -109,7 +111,7 @@ def imu_noise(flight: Flight, imu: str, imu_spec: ImuSpec, limits: Limits) -> Im
         lacking = f"no rest of {check.SHORT_REST_S:g} s and no stretch without a gap that is long enough for a spectrum"
         samples = f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s"
         raise DataError(f"{samples}: {lacking}. {flight.how_to_record}.")
-    noise = ImuNoise(track.source, track.rate_hz, sampling, imu_spec, resting, flying, ())
+    noise = ImuNoise(track.source, track.rate_hz, *sampling, imu_spec, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
 
 
@@ -130,13 +132,26 @@ def noise_in_flight(flight: Flight, track: ImuTrack, imu_spec: ImuSpec, limits: 
         seen = white.sampled[~white.hidden] if white is not None else np.zeros(0)
         return float(seen.max()) if len(seen) else None
 
-    return FlightDensity(*(worst(white_noise(flown, sensor, gap, sampling)) for sensor in _SENSORS))
+    each = zip(_SENSORS, sampling, strict=True)
+    return FlightDensity(*(worst(white_noise(flown, sensor, gap, how)) for sensor, how in each))
 
 
-def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> Sampling:
-    """How the readings were taken, confirmed by the longest rest where there is one."""
+_Samplings = tuple[Sampling, Sampling]
+"""Of gyro and accelerometer."""
+
+
+def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> _Samplings:
+    """How the readings were taken, confirmed by the longest rest where there is one.
+
+    By the spectra of both sensors together, unless the log says that they have low-passes of their own.
+    """
     longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
-    return confirmed_sampling(longest.of(track), gap) if longest else sampling_of(track)
+    if sampling_of(track, "gyro") == sampling_of(track, "accel"):
+        both = confirmed_sampling(longest.of(track), gap) if longest else sampling_of(track)
+        return both, both
+    rest = None if longest is None else longest.of(track)
+    gyro, accel = (confirmed_sampling(rest, gap, one) if rest else sampling_of(track, one) for one in _SENSORS)
+    return gyro, accel
 
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
@@ -152,7 +167,7 @@ def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> ImuTrack
     return rows(track, mask & flying if flying is not None and flying.any() else mask)
 
 
-def _rest_noise(track: ImuTrack, sampling: Sampling, gap: float) -> RestNoise | None:
+def _rest_noise(track: ImuTrack, sampling: _Samplings, gap: float) -> RestNoise | None:
     """The Allan deviation over the longest stretch of a rest that has no gap; single lost samples are closed up."""
     a, b = max(stretches(track.t, gap), key=lambda edges: edges[1] - edges[0], default=(0, 0))
     part = track[a:b]
@@ -162,8 +177,8 @@ def _rest_noise(track: ImuTrack, sampling: Sampling, gap: float) -> RestNoise | 
     gyro, accel = allan_deviation(part.gyro, rate), allan_deviation(part.accel, rate)
     if gyro is None or accel is None:
         return None
-    gyro_axes = tuple(_axis(part.gyro[:, i], gyro, i, part.gyro_step, rate, sampling) for i in range(3))
-    accel_axes = tuple(_axis(part.accel[:, i], accel, i, part.accel_step, rate, sampling) for i in range(3))
+    gyro_axes = tuple(_axis(part.gyro[:, i], gyro, i, part.gyro_step, rate, sampling[0]) for i in range(3))
+    accel_axes = tuple(_axis(part.accel[:, i], accel, i, part.accel_step, rate, sampling[1]) for i in range(3))
     return RestNoise(float(part.t[0]), float(part.t[-1]), gyro, accel, gyro_axes, accel_axes)
 
 
@@ -178,17 +193,18 @@ def _axis(
     return AxisNoise(fitted.white, fitted.instability, fitted.walk, hidden=False) if fitted else None
 
 
-def _flight_noise(track: ImuTrack, sampling: Sampling, gap: float) -> FlightNoise | None:
+def _flight_noise(track: ImuTrack, sampling: _Samplings, gap: float) -> FlightNoise | None:
     spectrum = imu_spectrum(track, gap)
     if spectrum is None:
         return None
-    gyro, accel = (white_noise(track, sensor, gap, sampling) for sensor in _SENSORS)
+    each = zip(_SENSORS, sampling, strict=True)
+    gyro, accel = (white_noise(track, sensor, gap, how) for sensor, how in each)
     seconds = float(sum(track.t[b - 1] - track.t[a] for a, b in stretches(track.t, gap)))
     return FlightNoise(seconds, spectrum, gyro, accel, peaks(spectrum, spectrum.gyro), peaks(spectrum, spectrum.accel))
 
 
 def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
-    rest, flight, how = noise.rest, noise.flight, noise.sampling
+    rest, flight = noise.rest, noise.flight
     if rest is None:
         yield f"no rest of {check.SHORT_REST_S:g} s: N is that of the flight, vibration included; B and K are not told"
     elif rest.duration_s < check.LONG_REST_S:
@@ -196,7 +212,7 @@ def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
         yield f"{longest}; for B and K record 10 minutes or more in which the vehicle stands still"
     if flight is not None and flight.gyro is None:
         yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: more than 10 Hz are needed"
-    if how.confirmed is False:
+    for how in dict.fromkeys(one for one in (noise.sampling, noise.accel_sampling) if one.confirmed is False):
         yield f"the log says a low-pass of {how.corner_hz:g} Hz, but the spectrum at rest does not show that"
     if track.bias_removed:
         yield "the estimator's bias has been taken off these readings: B and K are of both together"

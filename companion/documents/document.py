@@ -16,7 +16,7 @@ from companion.app.recording import Recording, Source
 from companion.comparison import PARTS, Alignment, AxisNoise, Drift, DriftRow, Expected, ImuNoise, phases
 from companion.estimation import CONSTANTS, BestEstimate, Explained, hypothesis_of, probabilities
 from companion.model import Array, BiasTrack, Flight, SensorInUse, inventory
-from companion.noise import AllanDeviation, Peak, WhiteNoise, folded_gain, folded_onto
+from companion.noise import AllanDeviation, Peak, Sampling, WhiteNoise, folded_gain, folded_onto
 from companion.verdict import Ageing, Assessment, AutopilotError, Contrast, Finding, Incident, Lanes, Preflight
 
 Document = dict[str, Any]
@@ -345,13 +345,12 @@ def noise_document(source: Source, flight: Flight, noises: Sequence[ImuNoise]) -
 
 
 def _imu(noise: ImuNoise) -> Document:
-    sampling, sheet, rate = noise.sampling, noise.imu_spec, noise.rate_hz
-    filtered = sampling.kind == "filtered"
-    share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), rate, sampling)[0]) if filtered else None
+    sheet, rate = noise.imu_spec, noise.rate_hz
     return {
         "message": noise.imu,
         "rate_hz": rate,
-        "sampling": {**of(sampling, "kind", "corner_hz", "interval_s", "source", "confirmed"), "folded_share": share},
+        "sampling": _sampled(noise.sampling, rate),
+        "accel_sampling": _sampled(noise.accel_sampling, rate),
         "imu_model": sheet.name,
         "datasheet": {
             "gyro_white": sheet.gyro.noise_density,
@@ -376,6 +375,12 @@ def _imu(noise: ImuNoise) -> Document:
         },
         "notes": noise.notes,
     }
+
+
+def _sampled(sampling: Sampling, rate: float) -> Document:
+    filtered = sampling.kind == "filtered"
+    share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), rate, sampling)[0]) if filtered else None
+    return {**of(sampling, "kind", "corner_hz", "interval_s", "source", "confirmed"), "folded_share": share}
 
 
 def _at_rest(curve: AllanDeviation, axes: Sequence[AxisNoise | None]) -> Document:

@@ -7,6 +7,7 @@ from companion.noise.losses import broken_intervals, clip_counters, lost_by_clip
 from companion.noise.noise_density import (
     Aliased,
     Sampling,
+    SensorName,
     WhiteNoise,
     aliasing,
     between_samples,

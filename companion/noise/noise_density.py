@@ -164,20 +164,21 @@ def between_samples(readings: Array) -> Array:
     return np.asarray(rough / np.sqrt(6.0))  # of white noise: 1 + 4 + 1
 
 
-def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
-    """How a track at rest was sampled, by the log and by its spectrum.
+def confirmed_sampling(track: ImuTrack, gap_s: float, sensor: SensorName | None = None) -> Sampling:
+    """How a sensor at rest was sampled, by the log and by its spectrum; without one, by those of both.
 
     Noise of a sensor at rest is white; where it falls off with frequency as a second-order low-pass does, there is one.
     The mean over an interval cannot be seen: its noise is white.
     """
-    logged, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
+    logged, rate, length = sampling_of(track, sensor), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
     begin = _segments(track.t, gap_s, length, num.NOISE_MAX_SEGMENTS)
     if len(begin) < 2 * num.NOISE_MIN_SEGMENTS or rate < 4.0 * num.NOISE_MIN_BAND_HZ:
         return logged
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
     clear: list[Array] = []
-    for values, step in ((track.gyro, track.gyro_step), (track.accel, track.accel_step)):
+    both = {"gyro": (track.gyro, track.gyro_step), "accel": (track.accel, track.accel_step)}
+    for values, step in both.values() if sensor is None else (both[sensor],):
         power = 0.5 * periodograms(values, begin, rate, length).mean(axis=0)[used] - step**2 / (12.0 * rate)
         clear += [axis for axis in power.T if (axis > step**2 / (12.0 * rate)).all()]
     if not clear:

@@ -64,7 +64,7 @@ def test_the_tables_fit_into_sixty_columns(standing: str, capsys: Captured) -> N
 def test_the_json_has_the_figures_of_the_rest(standing: str, capsys: Captured) -> None:
     imu = one(standing, capsys)
     assert imu.keys() == {
-        "message", "rate_hz", "sampling", "imu_model", "datasheet", "rests", "flight", "notes",
+        "message", "rate_hz", "sampling", "accel_sampling", "imu_model", "datasheet", "rests", "flight", "notes",
     }  # fmt: skip
     (rest,) = imu["rests"]
     assert rest["end_s"] - rest["start_s"] > 120

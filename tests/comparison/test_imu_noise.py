@@ -10,6 +10,7 @@ import pytest
 
 from companion.comparison import GENERIC, ImuNoise, Limits, imu_noise, noise_model
 from companion.model import DataError, Flight, ImuTrack
+from companion.simulate.true_flight import LOOP_US, low_pass
 from companion.strapdown import ImuModel, Sensor, motions, simulate
 from tests.flights import flight_of, seconds
 
@@ -57,6 +58,19 @@ def test_a_walk_that_shows_is_in_the_model() -> None:
     _, accel = noise_model(found)
     assert accel.walk.measured
     assert 1e-3 < accel.walk.value < 5e-3, "the worst of three axes"
+
+
+def test_the_spectrum_confirms_the_low_pass_of_either_sensor() -> None:
+    """ArduPilot's INS_GYRO_FILTER 80 and INS_ACCEL_FILTER 10: they are not held to one corner."""
+    flight = standing(40.0, 1e6 / LOOP_US)
+    imu = flight.imus["RAW_IMU"]
+    gyro, accel = low_pass(imu.gyro, 80.0), low_pass(imu.accel, 10.0)
+    filtered = replace(imu, gyro=gyro, accel=accel, gyro_low_pass_hz=80.0, accel_low_pass_hz=10.0)
+    found = noise(replace(flight, imus={"RAW_IMU": filtered}))
+    assert (found.sampling.corner_hz, found.accel_sampling.corner_hz) == (80.0, 10.0)
+    assert found.sampling.confirmed
+    assert found.accel_sampling.confirmed
+    assert not any("low-pass" in note for note in found.notes)
 
 
 def test_a_short_rest_is_used_and_said() -> None:
