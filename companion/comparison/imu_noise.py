@@ -265,7 +265,8 @@ def _sensor(noise: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorSpec
         seen = flying.sampled if flying.hidden.all() else flying.sampled[~flying.hidden]
         flown, (low, high) = f"spectrum of {noise.flight.duration_s:.0f} s in flight", flying.band_hz
         text = f"{flown} at {low:.0f} to {high:.0f} Hz, vibration included, worst axis"
-        white = ModelFigure(float(np.max(seen)), text, measured=True)
+        if (worst := float(np.max(seen))) >= healthy.TOO_QUIET * sheet.noise_density:  # else it is stuck
+            white = ModelFigure(worst, text, measured=True)
     return SensorModel(white, walk)
 
 

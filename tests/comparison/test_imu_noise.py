@@ -73,6 +73,17 @@ def test_the_spectrum_confirms_the_low_pass_of_either_sensor() -> None:
     assert not any("low-pass" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("reads", [0.0, 0.01])
+def test_a_gyro_that_is_stuck_in_flight_has_the_noise_of_its_data_sheet(reads: float) -> None:
+    """Not one of nothing, which no filter could use and no IMU model may have."""
+    flight = flying(60.0, 100.0)
+    imu = flight.imus["RAW_IMU"]
+    found = noise(replace(flight, imus={"RAW_IMU": replace(imu, gyro=np.full_like(imu.gyro, reads))}))
+    gyro, accel = noise_model(found)
+    assert (gyro.white.value, gyro.white.measured) == (GENERIC.gyro.noise_density, False)
+    assert accel.white.measured
+
+
 def test_a_short_rest_is_used_and_said() -> None:
     found = noise(standing(40.0, 100.0))
     assert found.rest is not None
