@@ -330,7 +330,7 @@ def _accelerometer(flight: Flight, track: ImuTrack, own: Measured) -> Iterator[C
     size, sigma = float(length(mean)), float(np.hypot(spread, healthy.LOCAL_GRAVITY / num.SIGMAS))
     off, note = abs(size - STANDARD_GRAVITY), f"reads {size:.2f} m/s² at rest"
     yield _judged(flight, "accel_size", track.source, off, sigma, _accel_limit(), "m/s²", note)
-    if attitude is None or not (near := (attitude.t >= own.t[0]) & (attitude.t <= own.t[-1])).any():
+    if not size or attitude is None or not (near := (attitude.t >= own.t[0]) & (attitude.t <= own.t[-1])).any():
         return
     down = quaternion.rotate(quaternion.conjugate(attitude.q_ned_frd[near]), np.tile([0.0, 0.0, -1.0], (near.sum(), 1)))
     newest = down[-max(1, len(down) // 4) :].mean(axis=0)
@@ -357,7 +357,7 @@ def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> 
         size, expected = float(length(field)), float(length(earth.ned))
         known_to, note = float(np.hypot(sigma, earth.sigma[0])), f"{size * 1e6:.1f} µT, {expected * 1e6:.1f} expected"
         yield _judged(flight, "compass_field", one.source, abs(size - expected), known_to, iron, "T", note)
-        if imu is not None:  # against gravity as the accelerometer feels it
+        if imu is not None and imu.mean["accel"].any():  # against gravity as the accelerometer feels it
             down = -imu.mean["accel"] / length(imu.mean["accel"])
             dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
             usual = float(np.arctan2(earth.ned[2], length(earth.ned[:2])))

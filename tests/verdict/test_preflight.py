@@ -106,6 +106,17 @@ def test_a_fault_of_twice_its_limit_is_no_go(name: str) -> None:
     assert not [one for one in result.checks if one.outcome == "no_go" and one.sensor == "IMU[1]"]
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_accelerometer_that_reads_nothing_has_no_direction() -> None:
+    flight = standing()
+    dead = replace(flight.imus["IMU[0]"], accel=np.zeros_like(flight.imus["IMU[0]"].accel))
+    result = checked(replace(flight, imus={**flight.imus, "IMU[0]": dead}))
+    assert line(result, "accel_frozen").outcome == "no_go"
+    assert line(result, "accel_size").outcome == "no_go"
+    assert all(np.isfinite([one.size, one.sigma, one.probability]).all() for one in result.checks)
+    assert ("accel_direction", "IMU[0]") not in {(one.name, one.sensor) for one in result.checks}
+
+
 def test_a_bias_that_the_estimator_takes_off_is_none() -> None:
     known = np.tile(2.0 * GYRO * X, (2, 1))
     nothing = np.full((2, 3), np.nan)
