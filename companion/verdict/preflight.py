@@ -113,7 +113,7 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
     means = {one.source: _means(one, standing) for one in tracks}
     known = {name: one for name, one in means.items() if one is not None}
     checks = [*_of_imus(flight, tracks, known, spec_of)]
-    checks += compass_checks(flight, standing, known.get(tracks[0].source))
+    checks += compass_checks(flight, standing, next((one for name, one in known.items() if _feels(name, checks)), None))
     checks += [*barometer_checks(flight, standing), *gps_checks(flight, standing)]
     missing = [f"{name}: no IMU" for name in ("gyro", "accelerometer") if not known]
     beside = {"compass": flight.compasses, "barometer": flight.barometers, "GPS": flight.gps}
@@ -265,6 +265,12 @@ def _of_which_leans(checks: Sequence[Check]) -> Iterator[Check]:
             yield one
 
 
+def _feels(source: str, checks: Sequence[Check]) -> bool:
+    """Whether nothing of its own is no-go of an IMU's accelerometer: a compass is held against the gravity of it."""
+    own = ("accel_frozen", "accel_size", "accel_direction")
+    return not any(c.outcome == "no_go" and c.name in own and source in c.sensor.split(", ") for c in checks)
+
+
 def _accel_limit() -> float:
     """m/s²: a bias as in calibrated parts together with a scale as in those."""
     return float(np.hypot(healthy.USUAL_BIAS["accel"], healthy.USUAL_SCALE * STANDARD_GRAVITY))
@@ -344,7 +350,10 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> Iterator[Check]:
-    """Each compass: strength, inclination and heading against the world model, and each against the others."""
+    """Each compass: strength, inclination and heading against the world model, and each against the others.
+
+    imu: whose gravity the inclination is against; None for no inclination.
+    """
     iron = healthy.USUAL_IRON / num.MICROTESLA
     read = ((one, one.field[standing.covers(one.t) & np.isfinite(one.field).all(axis=1)]) for one in flight.compasses)
     fields = [(one, *_mean(field, standing)) for one, field in read if len(field) > 1]
@@ -357,7 +366,7 @@ def compass_checks(flight: Flight, standing: Standing, imu: Measured | None) -> 
         size, expected = float(length(field)), float(length(earth.ned))
         known_to, note = float(np.hypot(sigma, earth.sigma[0])), f"{size * 1e6:.1f} µT, {expected * 1e6:.1f} expected"
         yield _judged(flight, "compass_field", one.source, abs(size - expected), known_to, iron, "T", note)
-        if imu is not None and imu.mean["accel"].any():  # against gravity as the accelerometer feels it
+        if imu is not None:  # against gravity as the accelerometer feels it
             down = -imu.mean["accel"] / length(imu.mean["accel"])
             dip = float(np.arcsin(np.clip(field @ down / length(field), -1.0, 1.0)))
             usual = float(np.arctan2(earth.ned[2], length(earth.ned[:2])))

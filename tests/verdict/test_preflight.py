@@ -106,6 +106,14 @@ def test_a_fault_of_twice_its_limit_is_no_go(name: str) -> None:
     assert not [one for one in result.checks if one.outcome == "no_go" and one.sensor == "IMU[1]"]
 
 
+@pytest.mark.parametrize("push", [4.0 * X, np.array([0.0, 0.0, 2.0 * STANDARD_GRAVITY])], ids=["leans", "flipped"])
+def test_no_compass_is_blamed_for_an_accelerometer(push: Array) -> None:
+    """Its inclination is against gravity, of an IMU that feels it."""
+    result = checked(standing(push=push))
+    assert result.outcome == "no_go"
+    assert {one.name.split("_")[0] for one in result.checks if one.outcome != "go"} == {"accel"}
+
+
 @pytest.mark.filterwarnings("error")
 def test_an_accelerometer_that_reads_nothing_has_no_direction() -> None:
     flight = standing()
