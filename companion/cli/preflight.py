@@ -91,7 +91,7 @@ def _aged(
 def _lines(result: Preflight, aged: tuple[Ageing, ...]) -> Iterator[str | Table]:
     colour = _COLOURS[result.outcome]
     yield f"[bold {colour}]{escape(preflight_headline(result))}[/]"
-    yield from (f"Not checked: {one}" for one in result.missing)
+    yield from (f"Not checked: {escape(one)}" for one in result.missing)
     yield from (f"The vehicle says: {escape(report)}" for report in result.vehicle_reports)
     yield ""
     table = preflight_table(result, aged)

@@ -116,8 +116,7 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
     checks += compass_checks(flight, standing, next((one for name, one in known.items() if _feels(name, checks)), None))
     checks += [*barometer_checks(flight, standing), *gps_checks(flight, standing)]
     missing = [f"{name}: no IMU" for name in ("gyro", "accelerometer") if not known]
-    beside = {"compass": flight.compasses, "barometer": flight.barometers, "GPS": flight.gps}
-    missing += [f"{name}: none in the log" for name, there in beside.items() if not there]
+    missing += _unchecked(flight, standing, checks)
     against = ("prearm", "arm:", "preflight fail")
     said = [one for one in flight.texts if standing.start <= one.t <= standing.end]
     refusals = [one for one in said if one.text.lower().startswith(against)]
@@ -125,6 +124,23 @@ def preflight(flight: Flight, spec_of: Callable[[str], ImuSpec]) -> Preflight:
     refuses = not armed and any(one.t > standing.end - check.PREARM_REPEATED_S for one in refusals)
     reports = tuple(dict.fromkeys(one.text for one in refusals))
     return Preflight(standing.start, standing.end, standing.motors_off, tuple(checks), reports, tuple(missing), refuses)
+
+
+def _unchecked(flight: Flight, standing: Standing, checks: Sequence[Check]) -> Iterator[str]:
+    """What could not be checked of the sensors beside the IMUs, or not to the end of the stretch, and why."""
+    tracks = (("compass", flight.compasses), ("barometer", flight.barometers), ("GPS", flight.gps))
+    for name, there in tracks:
+        if not there:
+            yield f"{name}: none in the log"
+        for one in there:
+            when = one.t[standing.covers(one.t)]
+            made = (c for c in checks if c.name.startswith(name.lower()))
+            if not len(when):
+                yield f"{name} {one.source}: no readings while it stood"
+            elif not any(one.source in c.sensor.split(", ") for c in made):
+                yield f"{name} {one.source}: too little is known of it"
+            elif (silent := standing.end - float(when[-1])) > harm.GPS_OUTAGE_S:
+                yield f"{name} {one.source}: silent in the last {silent:.0f} s"
 
 
 def _standing(flight: Flight, tracks: Sequence[ImuTrack]) -> Standing:

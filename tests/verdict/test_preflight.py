@@ -20,6 +20,7 @@ from companion.model import (
     Flight,
     ImuTrack,
     StatusText,
+    rows,
 )
 from companion.strapdown import ImuModel, Sensor, motions, simulate
 from companion.verdict import Check, Preflight, ageing, preflight
@@ -112,6 +113,18 @@ def test_no_compass_is_blamed_for_an_accelerometer(push: Array) -> None:
     result = checked(standing(push=push))
     assert result.outcome == "no_go"
     assert {one.name.split("_")[0] for one in result.checks if one.outcome != "go"} == {"accel"}
+
+
+def test_a_sensor_that_falls_silent_is_said_to_be_unchecked() -> None:
+    flight = standing()
+    assert checked(flight).missing == ()
+    (gps,), (compass,) = flight.gps, flight.compasses
+    gone = replace(gps, t=gps.t - 100.0)
+    assert checked(replace(flight, gps=(gone,))).missing == ("GPS GPS_RAW_INT: no readings while it stood",)
+    early = rows(gps, gps.t < flight.start + 10.0)
+    assert checked(replace(flight, gps=(early,))).missing == ("GPS GPS_RAW_INT: silent in the last 30 s",)
+    raw = replace(compass, calibrated=False)
+    assert checked(replace(flight, compasses=(raw,))).missing == ("compass RAW_IMU: too little is known of it",)
 
 
 @pytest.mark.filterwarnings("error")
