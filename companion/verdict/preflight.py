@@ -242,7 +242,10 @@ def _their_limit(flight: Flight, name: str, limit: float) -> float | None:
         setting = _PREARM[name][1] if _px4(flight) else {"accel": "ARMING_ACCTHRESH"}.get(sensor, "")
         return flight.parameters.get(setting, usual)
     if name.endswith("_sigma"):
-        return flight.parameters.get(_PREARM[name][1]) if _px4(flight) else limit
+        if _px4(flight):
+            return flight.parameters.get(_PREARM[name][1])
+        ekf = "EK2" if flight.parameters.get("AHRS_EKF_TYPE") == 2 else "EK3"
+        return limit * flight.parameters.get(f"{ekf}_CHECK_SCALE", check.PREARM_GPS_SCALE) / check.PREARM_GPS_SCALE
     return None
 
 

@@ -115,6 +115,13 @@ def test_no_compass_is_blamed_for_an_accelerometer(push: Array) -> None:
     assert {one.name.split("_")[0] for one in result.checks if one.outcome != "go"} == {"accel"}
 
 
+def test_the_limits_of_ekf3_for_a_gps_are_those_that_are_set() -> None:
+    scaled = checked(standing(parameters={"EK3_CHECK_SCALE": 200.0}))
+    made = line(scaled, "gps_horizontal_sigma", "GPS_RAW_INT")
+    assert made.autopilot_limit == 2.0 * harm.GPS_POOR["horizontal_sigma"]
+    assert made.limit == line(checked(standing()), "gps_horizontal_sigma", "GPS_RAW_INT").autopilot_limit
+
+
 def test_a_sensor_that_falls_silent_is_said_to_be_unchecked() -> None:
     flight = standing()
     assert checked(flight).missing == ()
