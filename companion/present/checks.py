@@ -81,6 +81,8 @@ def span_words(span: LaneSpan) -> str:
         sentence = "another lane was nearer, but which is the nearest cannot be told"
     elif sum(one.nearest is not None for one in span.lanes) < 2:
         sentence = "there is no other lane to compare with"
+    elif not span.flown:
+        sentence = "which of the lanes flew is not known"
     sentence += "".join(f"; {one.lane} was off by {_worst(one)}" for one in off)
     if span.readers is not None:
         others = [one.lane for one in span.lanes if one.lane not in span.readers and one.nearest is not None]

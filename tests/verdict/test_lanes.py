@@ -12,6 +12,7 @@ import pytest
 from companion.constants import healthy
 from companion.estimation import BestEstimate
 from companion.model import Array, EstimatorLane, EstimatorReset, Flight, PositionTrack, SensorInUse, interpolated
+from companion.present import lane_lines
 from companion.strapdown import quaternion
 from companion.verdict import Cause, Finding, Lanes, judge_lanes
 from companion.verdict.lanes import compare_lanes, healthy_bound, nearer_probability
@@ -128,6 +129,17 @@ def test_a_switch_is_judged_by_what_came_of_it(
     if judgement != "indifferent":
         assert switch.quantity == "heading"
         assert abs(np.degrees(switch.before_size - switch.after_size)) == pytest.approx(12.0, abs=2.0)
+
+
+@pytest.mark.parametrize("used", [None, use((0.0, 7))], ids=["not logged", "not in the log"])
+def test_no_lane_is_cleared_where_the_one_that_flew_is_not_known(
+    used: SensorInUse | None, flight: Flight, best: BestEstimate
+) -> None:
+    lanes = judge_lanes(replace(flight, lanes=(lane(0), lane(1, turned(20.0))), lane_in_use=used), best)
+    (whole,) = lanes.spans
+    assert [one.lane for one in whole.lanes if one.off] == ["EKF3 core 1"]
+    said = next(line for line in lane_lines(lanes) if line.startswith("Whole flight"))
+    assert said.startswith("Whole flight: which of the lanes flew is not known; EKF3 core 1 was off by")
 
 
 def test_a_reset_of_the_new_lane_is_told(flight: Flight, best: BestEstimate) -> None:
