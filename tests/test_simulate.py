@@ -246,8 +246,10 @@ def test_what_cannot_be_is_said(tmp_path: Path) -> None:
         fly(10.0, motion="loop")
     with pytest.raises(SettingsError, match="got 0"):
         fly(0.0)
-    with pytest.raises(SettingsError, match="corner lies between 0 and 200 Hz"):
+    with pytest.raises(SettingsError, match="corner lies between 0.1 and 200 Hz"):
         fly(10.0, filter_hz=300.0)
+    with pytest.raises(SettingsError, match="corner"):
+        fly(10.0, filter_hz=1e-4)
     with pytest.raises(SettingsError, match="latency"):
         fly(10.0, latency_s=-1.0)
     with pytest.raises(SettingsError, match="drop is a share"):

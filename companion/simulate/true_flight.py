@@ -215,6 +215,7 @@ _RANGE = 16 * STANDARD_GRAVITY  # m/s², the accelerometer range that autopilots
 _SHAKING_HZ = 87.0  # of a propeller out of balance
 _MOVING = 0.02  # m/s
 _ARMED_S = 2.0  # before it moves, and after
+_SLOWEST_FILTER_HZ = 0.1  # slower ones take minutes: their impulse response lasts for as many cycles as a fast one's
 
 TYPICAL = ImuModel(
     gyro=Sensor(noise_density=5e-5, bias_walk=5e-6, bias=np.array([4e-4, -3e-4, 2e-4]), full_scale=np.radians(2000)),
@@ -274,8 +275,9 @@ def fly(
         raise SettingsError(f"there is no motion {motion!r}: choose one of {', '.join(MOTIONS)}.")
     if not 0 < duration_s <= 7200:
         raise SettingsError(f"a simulated flight lasts up to 7200 s, got {duration_s:g}.")
-    if not 0 <= filter_hz < 0.5e6 / LOOP_US:
-        raise SettingsError(f"a filter's corner lies between 0 and {0.5e6 / LOOP_US:g} Hz, got {filter_hz:g}.")
+    if filter_hz and not _SLOWEST_FILTER_HZ <= filter_hz < 0.5e6 / LOOP_US:
+        between = f"between {_SLOWEST_FILTER_HZ:g} and {0.5e6 / LOOP_US:g} Hz"
+        raise SettingsError(f"a filter's corner lies {between}, or is 0 for none, got {filter_hz:g}.")
     if not 0 <= latency_s <= 1:
         raise SettingsError(f"the latency of an estimate lies between 0 and 1 s, got {latency_s:g}.")
     t = np.arange(round(duration_s * 1e6 / LOOP_US) + 1, dtype=np.float64) * (LOOP_US * 1e-6)
