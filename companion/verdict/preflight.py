@@ -212,7 +212,7 @@ _PREARM: Mapping[str, tuple[str, str]] = {
     "gyro_difference": ("Gyros inconsistent", "COM_ARM_IMU_GYR"),
     "accel_difference": ("Accels inconsistent", "COM_ARM_IMU_ACC"),
     "compass_field": ("Check mag field", "Check mag field"),
-    "compass_difference": ("Compasses inconsistent", "Compasses inconsistent"),
+    "compass_difference": ("Compasses inconsistent", "COM_ARM_MAG_ANG"),
     "compass_heading": ("heading inconsistent", "COM_ARM_EKF_YAW"),
     "barometer_wander": ("Altitude disparity", "height estimate error"),
     "gps_fix": ("need 3D fix", "GPS fix too low"),
@@ -240,6 +240,8 @@ def _their_limit(flight: Flight, name: str, limit: float) -> float | None:
     if what == "difference":
         usual = (check.PREARM_PX4 if _px4(flight) else check.PREARM_ARDUPILOT)[sensor]
         setting = _PREARM[name][1] if _px4(flight) else {"accel": "ARMING_ACCTHRESH"}.get(sensor, "")
+        if setting == "COM_ARM_MAG_ANG" and setting in flight.parameters:  # °; below 0 PX4 does not check it
+            return math.radians(flight.parameters[setting]) if flight.parameters[setting] >= 0.0 else None
         return flight.parameters.get(setting, usual)
     if name.endswith("_sigma"):
         if _px4(flight):

@@ -122,6 +122,16 @@ def test_the_limits_of_ekf3_for_a_gps_are_those_that_are_set() -> None:
     assert made.limit == line(checked(standing()), "gps_horizontal_sigma", "GPS_RAW_INT").autopilot_limit
 
 
+@pytest.mark.parametrize(("degrees", "limit"), [(None, 60.0), (30.0, 30.0), (-1.0, None)])
+def test_px4_compares_compasses_as_it_is_set_to(degrees: float | None, limit: float | None) -> None:
+    flight = standing(vehicle=replace(VEHICLE, autopilot="PX4"))
+    (compass,) = flight.compasses
+    both = tuple(replace(compass, source=name, instance=i) for i, name in enumerate("AB"))
+    parameters = {} if degrees is None else {"COM_ARM_MAG_ANG": degrees}
+    made = line(checked(replace(flight, compasses=both, parameters=parameters)), "compass_difference", "A, B")
+    assert made.autopilot_limit == (None if limit is None else pytest.approx(np.radians(limit)))
+
+
 def test_a_sensor_that_falls_silent_is_said_to_be_unchecked() -> None:
     flight = standing()
     assert checked(flight).missing == ()
