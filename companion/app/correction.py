@@ -69,6 +69,7 @@ def correction_text(calibration: Calibration, origin: str) -> str:
     lines += [
         "# true = (1 + [mounting]x)(1 + scale and misalignment)(measured - bias), at t - time_offset; body FRD.",
         "# The lever arm is from the point whose position the autopilot reports to the IMU.",
+        "# What is not observable is 0, and the rest is what it is then: not quite as `companion calibrate` prints it.",
         f"format = {_FORMAT}",
     ]
     for part, place in PARTS.items():

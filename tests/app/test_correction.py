@@ -28,6 +28,9 @@ def test_a_file_holds_what_the_flight_tells(tmp_path: Path) -> None:
     told = np.array(found.observable) | np.array(found.assumed)
     told[PARTS["lever_arm"]] = True
     assert not loaded.values[~told].any()
+    differs = np.abs(found.correction.values - found.values)[told] > 0.1 * found.sigma[told]
+    assert differs.any()
+    assert "not quite as `companion calibrate` prints it" in path.read_text(encoding="utf-8")
 
 
 def test_a_file_of_the_first_format_turns_the_readings_as_it_did(tmp_path: Path) -> None:
