@@ -404,7 +404,8 @@ def _errors(lane: EstimatorLane, best: BestEstimate) -> dict[str, Array]:
     """(K, n) by quantity. Without GPS the best estimate knows no velocity nor position, without both no height."""
     row = nearest(lane.t, best.t)
     away = np.abs(lane.t[row] - best.t)
-    near = away <= max(num.FIX_SAMPLES_S, 0.5 * float(np.median(np.diff(lane.t))))
+    usual = float(np.median(np.diff(lane.t))) if len(lane) > 1 else 0.0
+    near = away <= max(num.FIX_SAMPLES_S, 0.5 * usual)
     q, velocity, position = best.at(np.where(near, lane.t[row], best.t))
     turn = attitude_error(lane.q_ned_frd[row], q)
     sources = {"turn": turn, "velocity": lane.velocity[row] - velocity, "position": lane.position[row] - position}

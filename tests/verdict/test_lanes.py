@@ -142,6 +142,16 @@ def test_no_lane_is_cleared_where_the_one_that_flew_is_not_known(
     assert said.startswith("Whole flight: which of the lanes flew is not known; EKF3 core 1 was off by")
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_lane_of_one_sample_is_compared_there(flight: Flight, best: BestEstimate) -> None:
+    whole = lane(1)
+    once = EstimatorLane(
+        T[:1], whole.q_ned_frd[:1], whole.velocity[:1], whole.position[:1], whole.name, 1, whole.source, 1
+    )
+    compared = compare_lanes(flight, best, (lane(0), once))
+    assert np.isfinite(compared.lanes[1].error["tilt"]).all(axis=1).sum() <= 1
+
+
 def test_a_reset_of_the_new_lane_is_told(flight: Flight, best: BestEstimate) -> None:
     reset = EstimatorReset(39.6, "heading", "EKF3 IMU1 MAG0 yaw reset", 1)
     (switch,) = judged(flight, best, (lane(0), lane(1)), use((0.0, 0), (40.0, 1)), reset).switches
