@@ -72,7 +72,7 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     if not 1 <= arguments.sysid <= 255:
         raise SettingsError(f"--sysid lies between 1 and 255, got {arguments.sysid}.")
     path = options.output(arguments)
-    faults = faults_of(arguments.fault)
+    faults = faults_of(arguments.fault, arguments.duration)
     part = arguments.imu_model or _DEFAULT_PART
     flown = fly(
         arguments.duration,
@@ -137,12 +137,15 @@ _FAULTS: Mapping[str, Callable[[float], dict[str, Any]]] = {
 }
 """Name of a fault → the arguments of `Faults` for one at a time, s."""
 
+_THROUGHOUT = ("loss", "duplicates", "garbage")
+"""Names of faults that last from the first packet to the last."""
+
 _REPEATED = ("reboot", "silence")
 """The arguments of `Faults` that hold one for each time."""
 
 
-def faults_of(names: list[str]) -> Faults:
-    """The faults that the command line names. Raises SettingsError for one that there is not."""
+def faults_of(names: list[str], duration_s: float = np.inf) -> Faults:
+    """The faults that the command line names. Raises SettingsError for one that there is not, or not in the flight."""
     chosen: dict[str, Any] = {}
     for text in names:
         name, _, when = text.partition("@")
@@ -154,6 +157,10 @@ def faults_of(names: list[str]) -> Faults:
             raise SettingsError(f"--fault {text}: {when!r} is not a time in seconds.")
         if name not in _FAULTS:
             raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(_FAULTS)}.")
+        if t >= duration_s and name not in _THROUGHOUT:
+            raise SettingsError(
+                f"--fault {text}: the flight is over at {duration_s:g} s, and {name} begins at {t:g} s."
+            )
         for field, value in _FAULTS[name](t).items():
             if field in chosen and field not in _REPEATED:
                 raise SettingsError(f"--fault {text}: there is one {name} in a flight, and it is given twice.")

@@ -432,7 +432,8 @@ def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pyt
     for words, reason in {
         ("--fault", "reboot@nan"): "not a time in seconds",
         ("--fault", "reboot@-3"): "not a time in seconds",
-        ("--fault", "imu-bias@3", "--fault", "imu-bias@9"): "there is one imu-bias in a flight",
+        ("--fault", "gps-glitch@700"): "the flight is over at 1 s",
+        ("--fault", "imu-bias@0.3", "--fault", "imu-bias@0.9"): "there is one imu-bias in a flight",
         ("--sysid", "300"): "between 1 and 255",
     }.items():
         assert main(["simulate", "-o", path, "--force", "--duration", "1", *words]) == 2
