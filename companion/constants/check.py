@@ -102,6 +102,7 @@ HIDING_STEPS = 0.3  # of quantisation: readings that scatter by less show no noi
 # rad/s, m/s², rad between two: AP_Arming.cpp, Compass::consistent; PX4 COM_ARM_IMU_*, COM_ARM_MAG_ANG
 PREARM_REPEATED_S = 35.0  # ArduPilot repeats its refusals every 30 s (AP_Arming.cpp)
 PREARM_ARDUPILOT = {"gyro": radians(5.0), "accel": 0.75, "compass": radians(90.0)}
+PREARM_THIRD_ACCEL = 3.0  # times as much from the third IMU on, which is as warm as it likes (ins_accels_consistent)
 PREARM_GPS_SCALE = 100.0  # %, EK3_CHECK_SCALE: of what EKF3 asks of a GPS before it uses it
 PREARM_PX4 = {"gyro": 0.25, "accel": 0.7, "compass": radians(60.0)}
 

@@ -231,10 +231,11 @@ def _judged(
     p = NormalDist().cdf((size - limit) / max(sigma, 1e-300))
     outcome: Outcome = "no_go" if p >= priors.ACCUSED else "go" if p <= 1.0 - priors.ACCUSED else "unknown"
     theirs = _PREARM[name][_px4(flight)] if name in _PREARM else ""
-    return Check(name, sensor, size, sigma, limit, unit, outcome, p, theirs, _their_limit(flight, name, limit), note)
+    beyond = _their_limit(flight, name, sensor, limit)
+    return Check(name, sensor, size, sigma, limit, unit, outcome, p, theirs, beyond, note)
 
 
-def _their_limit(flight: Flight, name: str, limit: float) -> float | None:
+def _their_limit(flight: Flight, name: str, sensors: str, limit: float) -> float | None:
     """The autopilot's own limit: ArduPilot `AP_Arming.cpp`, PX4 `imuConsistencyCheck.cpp`; None where unknown."""
     sensor, _, what = name.partition("_")
     if what == "difference":
@@ -242,7 +243,9 @@ def _their_limit(flight: Flight, name: str, limit: float) -> float | None:
         setting = _PREARM[name][1] if _px4(flight) else {"accel": "ARMING_ACCTHRESH"}.get(sensor, "")
         if setting == "COM_ARM_MAG_ANG" and setting in flight.parameters:  # °; below 0 PX4 does not check it
             return math.radians(flight.parameters[setting]) if flight.parameters[setting] >= 0.0 else None
-        return flight.parameters.get(setting, usual)
+        allowed = flight.parameters.get(setting, usual)
+        beyond_two = any(flight.imus[one].instance > 1 for one in sensors.split(", ") if one in flight.imus)
+        return allowed * (check.PREARM_THIRD_ACCEL if setting == "ARMING_ACCTHRESH" and beyond_two else 1.0)
     if name.endswith("_sigma"):
         if _px4(flight):
             return flight.parameters.get(_PREARM[name][1])

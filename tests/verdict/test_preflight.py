@@ -132,6 +132,15 @@ def test_px4_compares_compasses_as_it_is_set_to(degrees: float | None, limit: fl
     assert made.autopilot_limit == (None if limit is None else pytest.approx(np.radians(limit)))
 
 
+def test_ardupilot_lets_a_third_accelerometer_differ_three_times_as_much() -> None:
+    flight = standing(parameters={"ARMING_ACCTHRESH": 0.5})
+    third = replace(flight.imus["IMU[1]"], source="IMU[2]", instance=2)
+    result = checked(replace(flight, imus={**flight.imus, "IMU[2]": third}))
+    assert line(result, "accel_difference", "IMU[0], IMU[1]").autopilot_limit == 0.5
+    assert line(result, "accel_difference", "IMU[0], IMU[2]").autopilot_limit == 1.5
+    assert line(result, "gyro_difference", "IMU[0], IMU[2]").autopilot_limit == pytest.approx(np.radians(5.0))
+
+
 def test_a_sensor_that_falls_silent_is_said_to_be_unchecked() -> None:
     flight = standing()
     assert checked(flight).missing == ()
