@@ -134,7 +134,7 @@ def explain(
         again = range(len(accepted))
     if len(accepted) > 1:
         for i in set(again) - as_weighed:
-            rivals[i] = _rivals(setup, linear, accepted, i) or rivals[i]
+            rivals[i] = _rivals(setup, linear, accepted, i, rivals[i]) or rivals[i]
     matrix = confusion_matrix(linear) if confusion else None
     best = best_estimate(setup, settled, linear, accepted, rivals)
     return replace(best, further=further, confusion=matrix, linearisations=spent)
@@ -206,8 +206,7 @@ def next_adaptation(
             candidates[one.name] = one, seen if one.hypothesis.time_shifts else begin
     weighing = _Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual])
     _try_out(weighing, candidates.values(), settled.states, most - spent)
-    impossible = set[str]()
-    while best := next((one for one in weighing.weighed if one.hypothesis.name not in impossible), None):
+    while best := next(iter(weighing.weighed), None):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
         rivals = tuple(one.rival for one in weighing.weighed)
@@ -220,7 +219,7 @@ def next_adaptation(
             is_linear, used = weighing.near(own.settled.states), spent + weighing.linearisations
             return replace(own, rivals=rivals, is_linear=is_linear, candidate=candidate, linearisations=used)
         if not weighing.add(best, begin):
-            impossible.add(best.hypothesis.name)
+            weighing.rule_out(best)
     return _by_fault(one.rival for one in weighing.weighed)
 
 
@@ -239,6 +238,7 @@ class _Weighing:
     def __init__(self, setup: Setup, accepted: Sequence[Candidate], usual: list[Candidate]) -> None:
         self._setup, self._accepted = setup, accepted
         self._tried, self._failed = list[Adaptation](), set[_When]()  # that which leaves least first
+        self._impossible = set[str]()  # hypotheses of the estimate's own IMU or of an aiding sensor
         self._linearly = self.weighed = usual  # the likeliest first
         self._trials = tuple[Trial, ...]()  # where the first of them is
         self._left = np.inf  # the misfit without a cause, where the first of them is
@@ -260,8 +260,13 @@ class _Weighing:
         else:
             self._tried.insert(0, one)
             self._weigh_linearly(one)
-        self.weighed = sorted(map(self._where_it_is, self._linearly), key=lambda one: -one.log_odds)
+        self.weighed = self._possible(sorted(map(self._where_it_is, self._linearly), key=lambda one: -one.log_odds))
         return True
+
+    def rule_out(self, candidate: Candidate) -> None:
+        """Weigh a hypothesis that cannot be no more, in none of its shapes: it is nobody's rival."""
+        self._impossible.add(candidate.hypothesis.name)
+        self.weighed = self._possible(self.weighed)
 
     def with_cause(self, candidate: Candidate) -> Adaptation | None:
         """The estimate that has a candidate, if there is one."""
@@ -289,6 +294,9 @@ class _Weighing:
         if least.candidate.taken:
             weighed = [_as_moved(one, least) if one.name == least.candidate.name else one for one in weighed]
         self._linearly = weighed
+
+    def _possible(self, weighed: list[Candidate]) -> list[Candidate]:
+        return [one for one in weighed if one.imu is not None or one.hypothesis.name not in self._impossible]
 
     def _as_rough(self, problem: Problem) -> Problem:
         return as_rough(problem, self._tried[0].linear, self._tried[0].candidate)
@@ -420,12 +428,22 @@ def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: 
     return left
 
 
-def _rivals(setup: Setup, linear: Problem, accepted: Sequence[Candidate], one: int) -> tuple[Rival, ...]:
-    """Every hypothesis in the place of one that was accepted, beside all others; empty where it is far from linear."""
+def _rivals(
+    setup: Setup, linear: Problem, accepted: Sequence[Candidate], one: int, possible: Sequence[Rival]
+) -> tuple[Rival, ...]:
+    """Every hypothesis in the place of one that was accepted, beside all others; empty where it is far from linear.
+
+    possible: of what can be, as it was weighed when that was accepted.
+    """
     if accepted[one].taken or accepted[one].hypothesis.turns_field:
         return ()
     problem = as_rough(without(setup, linear, accepted, one), linear, accepted[one])
-    return tuple(Candidate.of_trial(other).rival for other in trials(problem))
+    again, kinds = (Candidate.of_trial(other).rival for other in trials(problem)), {_who(rival) for rival in possible}
+    return tuple(rival for rival in again if _who(rival) in kinds)
+
+
+def _who(rival: Rival) -> tuple[str, int | None]:
+    return rival.kind, rival.imu
 
 
 def as_rough(problem: Problem, linear: Problem, candidate: Candidate) -> Problem:

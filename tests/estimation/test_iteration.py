@@ -235,6 +235,8 @@ def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
     flight, truth = sensed(45.0, seed=3)
     found = smooth(late_by(flight, truth, -0.6))
     assert "gps_latency" not in {one.kind for one in found.explained}
+    rivals = [*found.further, *(rival for one in found.explained for rival in one.rivals)]
+    assert "gps_latency" not in {one.kind for one in rivals}, "what cannot be is nobody's rival"
 
 
 def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
