@@ -292,8 +292,25 @@ class _Weighing:
         self._trials = trials(problem)
         weighed = [Candidate.of_trial(one) for one in self._trials]
         if least.candidate.taken:
-            weighed = [_as_moved(one, least) if one.name == least.candidate.name else one for one in weighed]
+            moved = self._as_moved(least)
+            weighed = [moved if one.name == moved.name else one for one in weighed]
         self._linearly = weighed
+
+    def _trial_of(self, candidate: Candidate) -> Trial:
+        return next(one for one in self._trials if _name(one) == candidate.name)
+
+    def _as_moved(self, least: Adaptation) -> Candidate:
+        """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
+
+        Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first
+        order.
+        """
+        moved, trial, solution = least.candidate, self._trial_of(least.candidate), self._as_rough(least.linear).solution
+        linearly, variance = Candidate.of_trial(trial), float(solution.constants_covariance[-1, -1])
+        size = float(solution.c[-1]) + moved.taken
+        of_size = 0.5 * (size**2 / variance + float(np.log(variance / moved.hypothesis.prior**2)))
+        log_odds = max(linearly.log_odds, of_size + _of_times(trial))
+        return replace(linearly, log_odds=log_odds, fault=max(linearly.fault, moved.fault))
 
     def _possible(self, weighed: list[Candidate]) -> list[Candidate]:
         return [one for one in weighed if one.imu is not None or one.hypothesis.name not in self._impossible]
@@ -332,14 +349,18 @@ class _Weighing:
         known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
         _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
         known_better = 0.5 * float(spread) - float(np.log(there.prior.constants_sigma[known]).sum())
-        trial = next(one for one in self._trials if _name(one) == own.candidate.name)
-        times = trial.log_odds - float(trial.log_bayes.max())
+        times = _of_times(self._trial_of(own.candidate))
         log_odds = 0.5 * (self._left - whole_misfit(there)) + known_better + times
         return replace(own.candidate, log_odds=log_odds)
 
 
 def _name(one: Trial) -> tuple[str, str, int | None]:
     return one.hypothesis.name, one.shape, one.imu
+
+
+def _of_times(one: Trial) -> float:
+    """What its rate and its times add to the evidence of its size: less than nothing, for they are not known."""
+    return one.log_odds - float(one.log_bayes.max())
 
 
 def _turned(one: States, other: States) -> float:
@@ -395,20 +416,6 @@ def _linear_at(
         replace(setup, relative_noise=least.relative_noise), preintegrated(setup, settled.states, settled.path),
         settled.states, least.noise, noise_of.settled.scale, weights, noise_of.settled.slow, accepted, sizes=sizes,
     )  # fmt: skip
-
-
-def _as_moved(candidate: Candidate, adaptation: Adaptation) -> Candidate:
-    """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
-
-    Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first order.
-    """
-    solution, moved = adaptation.linear.solution, adaptation.candidate
-    variance = float(solution.constants_covariance[-1, -1])
-    size = float(solution.c[-1]) + moved.taken
-    moved_odds = 0.5 * (size**2 / variance + np.log(variance / candidate.hypothesis.prior**2))
-    return replace(
-        candidate, log_odds=max(candidate.log_odds, moved.log_odds, moved_odds), fault=max(candidate.fault, moved.fault)
-    )
 
 
 def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: int) -> Problem:

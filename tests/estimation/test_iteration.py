@@ -224,7 +224,10 @@ def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> N
     assert (late.kind, late.shape) == ("gps_latency", "step")
     assert late.size[0] == pytest.approx(seconds, abs=max(4.0 * float(late.sigma[0]), 0.02))
     own = next(one for one in late.rivals if (one.kind, one.shape) == (late.kind, late.shape))
-    assert own.log_odds > 0.25 * (late.size[0] / late.sigma[0]) ** 2  # of all of it, not of what the last pass left
+    of_size = 0.5 * (late.size[0] / late.sigma[0]) ** 2
+    assert own.log_odds > 0.5 * of_size  # of all of it, not of what the last pass left
+    row, hours = hypothesis_of("gps_latency"), (found.t[-1] - found.t[0]) / num.HOUR_S
+    assert own.log_odds < of_size - np.log(row.prior / late.sigma[0]) + np.log(row.rate_of("step") * hours)
     assert late.onset == pytest.approx(ONSET, abs=max(3.0 * late.onset_sigma, 0.5))
     assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
 
