@@ -343,10 +343,11 @@ def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], cand
     With the readings as they are where its size does not settle; None where readings would speak of what has not
     happened yet.
     """
-    linearly, moved, settled = candidate, setup, start
+    linearly, moved, settled, made = candidate, setup, start, 0
     for searched in (False, True):
         for _ in range(num.LATENCY_ROUNDS):
             settled, linear = estimate(moved, start, [*accepted, candidate])
+            made += settled.linearisations
             further = float(linear.solution.c[-1])
             if abs(further) < num.LATENCY_CONVERGED_S:
                 break
@@ -355,12 +356,17 @@ def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], cand
                 return None
             moved = _moved(setup, candidate)
         else:
-            return _with(setup, start, accepted, linearly)
+            return _after(made, _with(setup, start, accepted, linearly))
         if searched or candidate.shape != "step" or abs(candidate.taken) < num.LATENCY_SEARCHED_S:
             break
-        candidate = _with_onset(setup, settled, accepted, candidate)
-        moved = _moved(setup, candidate)
-    return Adaptation(candidate, moved, settled, linear)
+        candidate, tries = _with_onset(setup, settled, accepted, candidate)
+        moved, made = _moved(setup, candidate), made + tries
+    return Adaptation(candidate, moved, replace(settled, linearisations=made), linear)
+
+
+def _after(made: int, one: Adaptation) -> Adaptation:
+    """The same after so many linearisations of others."""
+    return replace(one, settled=replace(one.settled, linearisations=one.settled.linearisations + made))
 
 
 def _moved(setup: Setup, candidate: Candidate) -> Setup:
@@ -375,14 +381,21 @@ def _moved(setup: Setup, candidate: Candidate) -> Setup:
     return replace(setup, readings=readings)
 
 
-def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate) -> Candidate:
-    """The candidate from when on the readings fit best, its size known, at the noise that was learned."""
+def _with_onset(
+    setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate
+) -> tuple[Candidate, int]:
+    """The candidate from when on the readings fit best, its size known, at the noise that was learned.
+
+    And how many linearisations that took.
+    """
+    made = counter()
     states, path = settled.states, preintegrated(setup, settled.states, settled.path)
 
     def misfits(onsets: Array) -> Array:
         """Each less what as many readings leave that fit: some may be moved out of the flight."""
         excess = []
         for onset in onsets:
+            next(made)
             one = replace(candidate, onset=float(onset))
             linear = linearise(
                 _moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one]
@@ -402,4 +415,4 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Candidate], can
     best = float(onsets[np.argmin(left)])
     likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
     sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
-    return replace(candidate, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S))
+    return replace(candidate, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S)), next(made)

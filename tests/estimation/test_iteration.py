@@ -277,8 +277,15 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
 
 
 @pytest.mark.slow
-def test_the_onset_is_sought_again_with_the_size_known() -> None:
+def test_the_onset_is_sought_again_with_the_size_known(monkeypatch: pytest.MonkeyPatch) -> None:
     """At first order a latency may show from where the vehicle turned, long after the fixes came late."""
+    made = list[int]()
+
+    def counted(*args: Any, **options: Any) -> Problem:
+        made.append(1)
+        return linearise(*args, **options)
+
+    monkeypatch.setattr(iteration, "linearise", counted)
     flight, truth = sensed(45.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
@@ -291,3 +298,4 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
     assert found.onset_sigma < 2.0
     assert next(one for one in moved.readings if one.name == "barometer").late == 0.0
+    assert possible.settled.linearisations == len(made), "of all estimates on the way, and of all onsets"
