@@ -15,11 +15,14 @@ from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.hypotheses import Hypothesis, Signature
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, Explained, Rival
 from companion.estimation.shapes import SLOPED, activation
-from companion.estimation.system import Problem
+from companion.estimation.system import Measurement, Problem
 from companion.model import Array
 from companion.strapdown import skew
 
 _FIELD, _ = CONSTANTS["earth_field"]
+_BY_FIELD = np.r_[
+    CONSTANTS["soft_iron"][0], CONSTANTS["compass_latency"][0]
+]  # what does more where the field is stronger
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,10 +114,13 @@ def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
     return replace(problem, motion=motion, measurements=tuple(measurements), prior=prior)
 
 
-def about_sizes(problem: Problem, accepted: Sequence[Candidate], sizes: Array) -> Problem:
+def about_sizes(
+    problem: Problem, accepted: Sequence[Candidate], sizes: Array, in_field: Callable[[Array], Measurement]
+) -> Problem:
     """The problem with a compass whose field has turned by what it was found to, sizes (m,), of what is accepted.
 
-    Its columns are the derivatives there, and its residuals those of sizes that are counted from zero.
+    Its columns are the derivatives there, and its residuals those of sizes that are counted from zero. in_field: what
+    the compass would read of an Earth's field (3,) µT: its derivatives are linear in that.
     """
     compass = problem.measurement("compass")
     if compass is None or not sizes.any() or not any(one.hypothesis.turns_field for one in accepted):
@@ -139,6 +145,8 @@ def about_sizes(problem: Problem, accepted: Sequence[Candidate], sizes: Array) -
     residual -= (of_field @ offset[..., None])[..., 0]
     states = compass.states.copy()
     states[..., ATTITUDE] += of_field @ skew(offset)
+    for along, unit in zip(offset.T[:2], np.eye(3), strict=False):
+        constants[..., _BY_FIELD] += along[:, None, None] * in_field(unit).constants[..., _BY_FIELD]
     constants[..., _FIELD.start : _FIELD.start + 2] += of_field[..., :2] @ by_level
     turned = replace(compass, residual=residual, states=states, constants=constants)
     return replace(problem, measurements=tuple(turned if m is compass else m for m in problem.measurements))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -115,9 +116,17 @@ def linearise(
                       setup.relative_noise)  # fmt: skip
     for candidate in accepted:
         problem = with_candidate(problem, candidate)
-    problem = about_sizes(problem, accepted, sizes)
+    problem = about_sizes(problem, accepted, sizes, partial(_compass_in_field, setup, at))
     _predict(setup, pim, states, problem.motion, shift, sizes)
     return problem
+
+
+def _compass_in_field(setup: Setup, at: Kinematics, field: Array) -> Measurement:
+    """The measurement of a compass, were the Earth's field (3,) µT that."""
+    constants = at.states.constants.copy()
+    constants[CONSTANTS["earth_field"][0]] = field
+    there = replace(at, states=replace(at.states, constants=constants))
+    return measure(next(one for one in setup.readings if one.name == "compass"), there, setup.slow)
 
 
 def measure(one: Readings, at: Kinematics, slow: Mapping[str, slice]) -> Measurement:
