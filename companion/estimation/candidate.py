@@ -137,8 +137,8 @@ def about_sizes(
         size[which] = sizes[own.start - CONSTANT_STATES : own.stop - CONSTANT_STATES]
         as_complex = complex(*size)
         changed += one.change_of_field(compass.t, level, as_complex)
-        by_level += _jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
-        by_size = _jacobian(partial(one.change_of_field, compass.t, level), as_complex)
+        by_level += jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
+        by_size = jacobian(partial(one.change_of_field, compass.t, level), as_complex)
         constants[..., own] = (of_field[..., :2] @ by_size)[..., which]
         residual += constants[..., own] @ size[which]
     offset = np.column_stack((changed.real, changed.imag, np.zeros(len(changed))))
@@ -152,7 +152,7 @@ def about_sizes(
     return replace(problem, measurements=tuple(turned if m is compass else m for m in problem.measurements))
 
 
-def _jacobian(changed: Callable[[complex], npt.NDArray[np.complex128]], at: complex) -> Array:
+def jacobian(changed: Callable[[complex], npt.NDArray[np.complex128]], at: complex) -> Array:
     """(M, 2, 2) of north and east by north and east, of M complex functions of a complex number."""
     step = num.FIELD_STEP
     columns = [(changed(at + way) - changed(at - way)) / (2.0 * step) for way in (step, 1j * step)]

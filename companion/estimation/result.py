@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.constants import num
-from companion.estimation.candidate import Candidate
+from companion.estimation.candidate import Candidate, jacobian
 from companion.estimation.differences import Differences
 from companion.estimation.iteration import Start
 from companion.estimation.learned_noise import scatter
@@ -110,6 +111,7 @@ def explained(
     """
     solution, at, columns = problem.solution, CONSTANT_STATES, list[int]()
     out = list[tuple[Candidate, tuple[Rival, ...], Array, slice]]()
+    bent = list[tuple[slice, Array]]()  # sizes of what does not lead straight, by which that which does changes
     for candidate, others in zip(accepted, rivals, strict=True):
         if candidate.imu is not None or (whole := candidate.hypothesis.signature(problem)) is None:
             continue
@@ -118,24 +120,29 @@ def explained(
         changed[:] = at + np.arange(len(changed))
         at += len(changed)
         size = np.where(own >= 0, solution.c[own] + candidate.taken, 0.0)
+        place = slice(len(columns), len(columns) + len(own))
         if candidate.hypothesis.turns_field and candidate.shape in SLOPED:  # as what leads straight to where it ends
-            size = _straight(candidate, size, problem)
-        out.append((candidate, others, size, slice(len(columns), len(columns) + len(own))))
+            straight = partial(_straight, candidate, problem)
+            bent.append((place, jacobian(straight, complex(*size))[0]))
+            size = straight(complex(*size)).view(np.float64)
+        out.append((candidate, others, size, place))
         columns += own.tolist()
     known = np.array(columns, dtype=np.intp)
     covariance = solution.constants_covariance[np.ix_(known, known)] * np.outer(known >= 0, known >= 0)
+    for place, by_size in bent:
+        covariance[place] = by_size @ covariance[place]
+        covariance[:, place] = covariance[:, place] @ by_size.T
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     parts = [one.explained(size, sigma[place], others, place) for one, others, size, place in out]
     parts += _of_others(accepted, rivals, differences)
     return tuple(sorted(parts, key=lambda one: one.onset)), covariance
 
 
-def _straight(candidate: Candidate, size: Array, problem: Problem) -> Array:
-    """(2,) µT/s by which a field that turns evenly would have to grow along a line."""
+def _straight(candidate: Candidate, problem: Problem, size: complex) -> npt.NDArray[np.complex128]:
+    """(1,) µT/s, north + i east, by which a field that turns evenly would have to grow along a line."""
     t, level = problem.t[-1:], complex(*problem.states.constant("earth_field")[:2])
-    changed = candidate.change_of_field(t, level, complex(*size))[0]
     lasted = max(min(candidate.end, float(t[0])) - candidate.onset, num.CHANGE_MIN_S)
-    return np.array([changed.real, changed.imag]) / lasted
+    return np.asarray(candidate.change_of_field(t, level, size) / lasted)
 
 
 def _of_others(

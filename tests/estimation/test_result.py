@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation import smooth
+from companion.estimation import hypothesis_of, smooth
+from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.iteration import estimate, start_of
-from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS
-from companion.estimation.result import allowing, constant_errors, of_first_half
+from companion.estimation.model import ACCEL_BIAS, CONSTANT_STATES, CONSTANTS, GYRO_BIAS
+from companion.estimation.result import allowing, constant_errors, explained, of_first_half
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Problem
 from companion.model import STANDARD_GRAVITY, Array
@@ -111,3 +112,28 @@ def test_a_bias_that_no_part_in_order_has_is_not_held_to_what_parts_in_order_hav
     assert (np.abs(off) < 3.0 * best.accel_bias_sigma.max(axis=0)).all()
     assert best.explained == ()
     assert (best.errors.possible[3:6] > 1.0).tolist() == [size > 0.0, False, False]
+
+
+@pytest.mark.parametrize("axis", [-1, 1])
+def test_a_field_that_turns_along_an_arc_is_known_across_its_end(linear: Problem, axis: int) -> None:
+    """It is told as what leads straight there, and its σ is of that: after a quarter turn of east it is north's."""
+    one = Candidate(hypothesis_of("compass_field"), "creep", 4.0, 10.0, 0.1, axis, 0.0, 0.0)
+    problem = with_candidate(linear, one)
+    found = problem.solution.c.copy()
+    found[CONSTANT_STATES:] = 0.0
+    found[-1] = 0.5 * np.pi * problem.states.constant("earth_field")[0] / 6.0
+
+    def told(c: Array) -> tuple[Array, Array, Array]:
+        other = replace(problem)
+        vars(other)["solution"] = replace(problem.solution, c=c)
+        (whole,), covariance = explained(other, [one], [()], ())
+        return whole.size, whole.sigma, covariance
+
+    step = 1e-4 * np.eye(len(found))[CONSTANT_STATES:]
+    by_size = np.stack([(told(found + by)[0] - told(found - by)[0]) / 2e-4 for by in step], axis=1)
+    known = problem.solution.constants_covariance[CONSTANT_STATES:, CONSTANT_STATES:]
+    _, sigma, covariance = told(found)
+    np.testing.assert_allclose(covariance, by_size @ known @ by_size.T, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(sigma, np.sqrt(np.diagonal(covariance)))
+    if axis == 1:
+        assert sigma[0] > 5.0 * sigma[1]
