@@ -204,7 +204,8 @@ def next_adaptation(
         seen = replace(quieter, states=begin.states, near=begin.near)
         for one in _candidates(trials(believed)):
             candidates[one.name] = one, seen if one.hypothesis.time_shifts else begin
-    weighing = _Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual])
+    nothing = None if anew else (settled, linear.solution.c[CONSTANT_STATES:])
+    weighing = _Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual], nothing)
     _try_out(weighing, candidates.values(), settled.states, most - spent)
     while best := next(iter(weighing.weighed), None):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
@@ -232,16 +233,24 @@ class _Weighing:
     """Estimates with a candidate each, and all hypotheses at the noise of the one that leaves least.
 
     A hypothesis is weighed where that estimate is, by what is linear there. One that has an estimate of its own is as
-    likely as it fits there: where the heading is another with it, a straight line leads to nothing that is true.
+    likely as it fits there: where the heading is another with it, a straight line leads to nothing that is true. So it
+    is with nothing more: it fits where the estimate has settled without a candidate, unless that may be far off.
+    nothing: that estimate, and the sizes (m,) of what is accepted in it.
     """
 
-    def __init__(self, setup: Setup, accepted: Sequence[Candidate], usual: list[Candidate]) -> None:
-        self._setup, self._accepted = setup, accepted
+    def __init__(
+        self,
+        setup: Setup,
+        accepted: Sequence[Candidate],
+        usual: list[Candidate],
+        nothing: tuple[Start, Array] | None = None,
+    ) -> None:
+        self._setup, self._accepted, self._nothing = setup, accepted, nothing
         self._tried, self._failed = list[Adaptation](), set[_When]()  # that which leaves least first
         self._impossible = set[str]()  # hypotheses of the estimate's own IMU or of an aiding sensor
         self._linearly = self.weighed = usual  # the likeliest first
         self._trials = tuple[Trial, ...]()  # where the first of them is
-        self._left = np.inf  # the misfit without a cause, where the first of them is
+        self._left = np.inf  # the misfit without a cause, where the first of them is or where it has settled so
         self.linearisations = 0
 
     def add(self, candidate: Candidate, begin: Start) -> bool:
@@ -288,13 +297,22 @@ class _Weighing:
     def _weigh_linearly(self, least: Adaptation) -> None:
         """Every hypothesis in the place of the candidate, at its states and noise."""
         problem = self._as_rough(_without_the_last(self._setup, least, self._accepted))
-        self._left = whole_misfit(problem)
+        there = whole_misfit(problem)
+        self._left = min(there, self._with_nothing())
         self._trials = trials(problem)
         weighed = [Candidate.of_trial(one) for one in self._trials]
         if least.candidate.taken:
             moved = self._as_moved(least)
             weighed = [moved if one.name == moved.name else one for one in weighed]
-        self._linearly = weighed
+        more = 0.5 * (there - self._left)  # of another IMU's fault the estimate is the same as with nothing
+        self._linearly = [one if one.imu is not None else replace(one, log_odds=one.log_odds - more) for one in weighed]
+
+    def _with_nothing(self) -> float:
+        """The misfit without a cause where the estimate has settled so, at the noise of that which leaves least."""
+        if self._nothing is None:
+            return np.inf
+        settled, sizes = self._nothing
+        return whole_misfit(self._as_rough(_linear_at(self._setup, settled, self._tried[0], self._accepted, sizes)))
 
     def _trial_of(self, candidate: Candidate) -> Trial:
         return next(one for one in self._trials if _name(one) == candidate.name)
@@ -332,7 +350,7 @@ class _Weighing:
     def _where_it_fits(self, own: Adaptation) -> Candidate:
         """By what is linear there."""
         accepted = [*self._accepted, own.candidate]
-        there = self._as_rough(_linear_at(self._setup, own, self._tried[0], accepted, _sizes(own)))
+        there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
         problem = without(self._setup, there, accepted, len(self._accepted))
         refined = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
         return replace(refined, log_odds=refined.log_odds - 0.5 * (whole_misfit(problem) - self._left))
@@ -344,7 +362,7 @@ class _Weighing:
         included, and half of log |Σ/σ²|; rate and times are those of the trial.
         """
         accepted = [*self._accepted, own.candidate]
-        there = self._as_rough(_linear_at(self._setup, own, self._tried[0], accepted, _sizes(own)))
+        there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
         signature = own.candidate.of(there)
         known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
         _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
@@ -397,7 +415,7 @@ def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[C
         return without(setup, adaptation.linear, [*accepted, candidate], len(accepted))
     signature, sizes = candidate.of(adaptation.linear), _sizes(adaptation)
     before = sizes[: len(sizes) - (0 if signature is None else signature.unknowns)]
-    return _linear_at(setup, adaptation, adaptation, accepted, before)
+    return _linear_at(setup, adaptation.settled, adaptation, accepted, before)
 
 
 def _sizes(adaptation: Adaptation) -> Array:
@@ -406,12 +424,11 @@ def _sizes(adaptation: Adaptation) -> Array:
 
 
 def _linear_at(
-    setup: Setup, where: Adaptation, noise_of: Adaptation, accepted: Sequence[Candidate], sizes: Array
+    setup: Setup, settled: Start, noise_of: Adaptation, accepted: Sequence[Candidate], sizes: Array
 ) -> Problem:
     """The problem about the states of an estimate, at the noise of another; its weights too, where none was moved."""
-    settled, least = where.settled, noise_of.linear
-    moved = where.candidate.taken or noise_of.candidate.taken
-    weights = {} if moved else {one.name: one.weight for one in least.measurements}
+    least = noise_of.linear
+    weights = {} if noise_of.candidate.taken else {one.name: one.weight for one in least.measurements}
     return linearise(
         replace(setup, relative_noise=least.relative_noise), preintegrated(setup, settled.states, settled.path),
         settled.states, least.noise, noise_of.settled.scale, weights, noise_of.settled.slow, accepted, sizes=sizes,

@@ -228,6 +228,24 @@ def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str, degrees: float, 
     assert max(shares, key=lambda side: shares[side]) == {"gyro": "imu", "compass": "compass"}[wrong]
 
 
+@pytest.mark.parametrize(("path", "seed"), [("circle", 2), ("coning", 4)])
+def test_a_field_that_turns_far_is_explained_once(path: str, seed: int) -> None:
+    """By 120° in 20 s, of a compass with soft iron: what an arc leaves about another place is no second turn."""
+    flight, truth = sensed(60.0, path, seed=seed, rate=50.0)
+    (compass,) = flight.compasses
+    turn = np.radians(120.0) * np.clip((compass.t - 20.0) / 20.0, 0.0, 1.0)
+    q = truth.q_ned_frd[np.searchsorted(truth.t, compass.t - 1e-9)]
+    in_ned = quaternion.rotate(quaternion.exp(turn[:, None] * [0.0, 0.0, 1.0]), quaternion.rotate(q, compass.field))
+    iron = np.eye(3) + [[0.04, 0.03, -0.02], [0.02, -0.05, 0.03], [-0.03, 0.02, 0.03]]
+    read = quaternion.rotate(quaternion.conjugate(q), in_ned) @ iron.T
+    best = smooth(replace(flight, compasses=(replace(compass, field=read),)))
+    (only,) = best.explained
+    level = complex(*best.states.constant("earth_field")[:2])
+    changed = level * (np.exp(1j * turn[-1]) - 1.0) / 20.0
+    assert (only.kind, only.shape) == ("compass_field", "creep")
+    assert only.size == pytest.approx([changed.real, changed.imag], abs=0.25)
+
+
 @pytest.fixture(scope="module")
 def linear() -> Problem:
     """The linear problem of a short flight, as it stands before anything is explained."""
