@@ -65,17 +65,17 @@ def fault_rates(times: float) -> Iterator[None]:
 @contextlib.contextmanager
 def log_evidence(times: float) -> Iterator[None]:
     """The log evidence of every hypothesis multiplied, in this process."""
-    moved, constant = smoother._as_moved, constant_faults.fault_probabilities
+    moved, constant = smoother._Weighing._as_moved, constant_faults.fault_probabilities
     misfit = smoother.whole_misfit
 
     def weaker(*args: Any, **keywords: Any) -> Trial:
         one = trial(*args, **keywords)
         return replace(one, log_bayes=times * one.log_bayes)
 
-    def weaker_moved(candidate: Candidate, adaptation: smoother.Adaptation) -> Candidate:
-        one = moved(candidate, adaptation)
-        own = max(candidate.log_odds, adaptation.candidate.log_odds)  # evidence that is weaker already
-        return replace(one, log_odds=max(own, times * one.log_odds))
+    def weaker_moved(weighing: smoother._Weighing, least: smoother.Adaptation) -> Candidate:
+        one, linearly = moved(weighing, least), weighing._trial_of(least.candidate)  # evidence that is weaker already
+        prior = linearly.log_odds - float(linearly.log_bayes.max())
+        return replace(one, log_odds=max(linearly.log_odds, prior + times * (one.log_odds - prior)))
 
     def weaker_constant(*args: Any, **keywords: Any) -> Array:
         prior = _log_odds(np.asarray(priors.FAULTY_IMU))
@@ -84,7 +84,7 @@ def log_evidence(times: float) -> Iterator[None]:
 
     with (
         mock.patch.object(search, "trial", weaker),
-        mock.patch.object(smoother, "_as_moved", weaker_moved),
+        mock.patch.object(smoother._Weighing, "_as_moved", weaker_moved),
         mock.patch.object(smoother, "whole_misfit", lambda problem: times * misfit(problem)),
         mock.patch.object(constant_faults, "fault_probabilities", weaker_constant),
     ):
