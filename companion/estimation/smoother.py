@@ -28,7 +28,7 @@ from companion.estimation.iteration import (
     start_of,
     whole_misfit,
 )
-from companion.estimation.learned_noise import doubted_limits, scatter
+from companion.estimation.learned_noise import FIRST_NOISE, doubted_limits, scatter
 from companion.estimation.linearisation import linearise
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, POSITION, VELOCITY, BestEstimate, Rival, States
 from companion.estimation.result import best_estimate, is_field_of_the_place
@@ -188,6 +188,8 @@ def next_adaptation(
     astray = not is_field_of_the_place(setup, settled.states)
     anew = astray or settled.noise.contradicts(scatter(setup))
     begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
+    if astray:  # its gyro had to follow: that is no walk
+        begin = replace(begin, noise=replace(settled.noise, gyro_walk=FIRST_NOISE.gyro_walk))
     usual = trials(linear)
     candidates = {one.name: (one, begin) for one in _candidates(usual)}
     in_order = not any(one.hypothesis.device == "imu" for one in accepted)

@@ -84,7 +84,7 @@ def test_an_alarm_ends_when_the_fault_is_seen_to_end_and_not_by_another_alarm() 
 def test_two_pieces_have_to_see_the_end() -> None:
     """A turn that ends looks so, where what is wrong is the scale."""
     pieces = (*PIECES[:2], (28.0, 70.0), (30.0, 72.0))
-    verdicts = [said for _, said in heard(misread(62.0, gyro=[0.0, 0.0, 0.015]), pieces)]
+    verdicts = [said for _, said in heard(misread(62.0, gyro=[0.0, 0.0, 0.02]), pieces)]
     assert [one.status for one in verdicts] == ["consistent", "imu_suspect", "imu_suspect", "consistent"]
     assert "still there: 50 %" in verdicts[2].summary
 

@@ -323,9 +323,25 @@ def _without(
 
 
 def _blames(best: BestEstimate, missed: _Missed) -> bool:
-    """Whether an estimate has to explain something of the gyro along an axis, in a time in which it reads the same."""
+    """Whether an estimate moves along an axis too, or explains something of the gyro, while that reads the same."""
     sizes = [one.size for one in _explained(best, "gyro", *missed.span)]
-    return any(abs(size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(size) for size in sizes)
+    if any(abs(size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(size) for size in sizes):
+        return True
+    (moved, read), _ = motion_between(best)
+    inside = (best.t[:-1] >= missed.span[0]) & (best.t[1:] <= missed.span[1])
+    return _size_missed(moved - read, inside, missed.axis, missed.sensor.step) is not None
+
+
+def _size_missed(off: Array, inside: BoolArray, axis: int, step: float) -> float | None:
+    """1σ of what readings miss along an axis inside, of what they are off by (K-1, 3); None where it is no more than
+    elsewhere, or along other axes too. Its variation, for a bias is missed all the time.
+    """
+    if min(inside.sum(), (~inside).sum()) < check.MISSED_MIN:
+        return None
+    size, usual = (off[part].std(axis=0) for part in (inside, ~inside))
+    least = max(check.SOME_STEPS * step, check.MISSED_BEYOND_USUAL * usual[axis])
+    alone = size[axis] > check.MISSED_ALONG * length(size)
+    return float(size[axis]) if alone and size[axis] > least else None
 
 
 def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> list[Explained]:
@@ -360,11 +376,7 @@ def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> It
             for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.window_s):
                 begin, end = float(track.t[first]), float(track.t[last])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end) & judged[:-1] & judged[1:]
-                few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
-                if few or not _explained(best, name, begin, end):
+                if not _explained(best, name, begin, end):
                     continue
-                # Its variation, for a bias is missed all the time.
-                size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
-                alone = size[axis] > check.MISSED_ALONG * length(size)
-                if alone and size[axis] > max(check.SOME_STEPS * sensor.step, check.MISSED_BEYOND_USUAL * usual[axis]):
-                    yield _Missed(sensor, axis, first, last, float(size[axis]))
+                if (size := _size_missed(missed, inside, axis, sensor.step)) is not None:
+                    yield _Missed(sensor, axis, first, last, size)
