@@ -222,7 +222,8 @@ def time_ticks(low: float, high: float) -> list[float]:
     """Round times between two, s, at 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10((high - low) / _TICKS))
     step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power * _TICKS >= high - low)
-    return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+    places = np.arange(np.ceil(low / step), np.floor(high / step) + 1.0)
+    return list(np.clip(places * step, low, high).tolist())  # a product may be rounded to beyond either
 
 
 def _until_next(changes: Sequence[tuple[float, str]], end: float) -> list[Span]:

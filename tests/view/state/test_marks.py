@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.model import Flight, StatusText
@@ -64,6 +64,7 @@ def test_words_are_at_the_pointer() -> None:
 
 
 @given(st.floats(0, 1e6, allow_subnormal=False), st.floats(0.1, 1e5))
+@example(335545.0, 0.1)
 def test_the_axis_of_time_has_a_few_round_numbers_within(low: float, length: float) -> None:
     ticks = time_ticks(low, low + length)
     assert 1 <= len(ticks) <= 9
