@@ -17,26 +17,15 @@ from companion.constants import harm, healthy, num, priors
 from companion.estimation.candidate import Candidate, beside
 from companion.estimation.evidence import Trial
 from companion.estimation.identifiability import confusion_matrix
-from companion.estimation.iteration import (
-    Adaptation,
-    Start,
-    estimate,
-    estimate_with,
-    likelihood,
-    preintegrated,
-    resuming,
-    start_of,
-    whole_misfit,
-)
+from companion.estimation.iteration import Adaptation, Start, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import FIRST_NOISE, doubted_limits, scatter
-from companion.estimation.linearisation import linearise
-from companion.estimation.model import ATTITUDE, CONSTANT_STATES, POSITION, VELOCITY, BestEstimate, Rival, States
+from companion.estimation.model import CONSTANT_STATES, BestEstimate, Rival, States
 from companion.estimation.result import best_estimate, is_field_of_the_place
 from companion.estimation.search import trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import Problem
+from companion.estimation.weighing import Weighing, as_rough, without
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight, NoEstimateError
-from companion.strapdown import quaternion
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +153,6 @@ def _bias_sigma(states: States) -> Array | None:
     return np.where(unusual, faulty, usual) if unusual.any() else None
 
 
-_When = tuple[str, str, int | None, float, float]
-"""What a candidate is (hypothesis, shape, IMU), and from when to when, s."""
-
-
 def next_adaptation(
     setup: Setup,
     start: Start,
@@ -207,7 +192,7 @@ def next_adaptation(
         for one in _candidates(trials(believed)):
             candidates[one.name] = one, seen if one.hypothesis.time_shifts else begin
     nothing = None if anew else (settled, linear.solution.c[CONSTANT_STATES:])
-    weighing = _Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual], nothing)
+    weighing = Weighing(setup, accepted, [Candidate.of_trial(one) for one in usual], nothing)
     _try_out(weighing, candidates.values(), settled.states, most - spent)
     while best := next(iter(weighing.weighed), None):
         if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
@@ -231,174 +216,12 @@ def _by_fault(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
-class _Weighing:
-    """Estimates with a candidate each, and all hypotheses at the noise of the one that leaves least.
-
-    A hypothesis is weighed where that estimate is, by what is linear there. One that has an estimate of its own is as
-    likely as it fits there: where the heading is another with it, a straight line leads to nothing that is true. So it
-    is with nothing more: it fits where the estimate has settled without a candidate, unless that may be far off.
-    nothing: that estimate, and the sizes (m,) of what is accepted in it.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        accepted: Sequence[Candidate],
-        usual: list[Candidate],
-        nothing: tuple[Start, Array] | None = None,
-    ) -> None:
-        self._setup, self._accepted, self._nothing = setup, accepted, nothing
-        self._tried, self._failed = list[Adaptation](), set[_When]()  # that which leaves least first
-        self._impossible = set[str]()  # hypotheses of the estimate's own IMU or of an aiding sensor
-        self._linearly = self.weighed = usual  # the likeliest first
-        self._trials = tuple[Trial, ...]()  # where the first of them is
-        self._left = np.inf  # the misfit without a cause, where the first of them is or where it has settled so
-        self.linearisations = 0
-
-    def add(self, candidate: Candidate, begin: Start) -> bool:
-        """Weigh all anew, with an estimate that has a candidate. Returns False where there is none."""
-        if _when(candidate) in self._failed:
-            return False
-        one = estimate_with(self._setup, begin, self._accepted, candidate)
-        if one is None:
-            self._failed.add(_when(candidate))
-            return False
-        self.linearisations += one.settled.linearisations
-        if self._tried and likelihood(one.settled, one.linear) <= likelihood(
-            self._tried[0].settled, self._tried[0].linear
-        ):
-            self._tried.append(one)
-        else:
-            self._tried.insert(0, one)
-            self._weigh_linearly(one)
-        self.weighed = self._possible(sorted(map(self._where_it_is, self._linearly), key=lambda one: -one.log_odds))
-        return True
-
-    def rule_out(self, candidate: Candidate) -> None:
-        """Weigh a hypothesis that cannot be no more, in none of its shapes: it is nobody's rival."""
-        self._impossible.add(candidate.hypothesis.name)
-        self.weighed = self._possible(self.weighed)
-
-    def with_cause(self, candidate: Candidate) -> Adaptation | None:
-        """The estimate that has a candidate, if there is one."""
-        return next((one for one in self._tried if one.candidate.name == candidate.name), None)
-
-    def surely_likeliest(self, others: Sequence[Candidate], usual: States) -> bool:
-        """Whether what has an estimate is surely likelier than others that have none, and what is linear tells it.
-
-        usual: the states without any cause.
-        """
-        odds = {one.name: one.log_odds for one in reversed(self.weighed)}
-        own = max(odds.get(one.candidate.name, num.LOG_ZERO) for one in self._tried) - priors.ACCUSED_ODDS
-        return self.near(usual) and all(own > odds.get(other.name, num.LOG_ZERO) for other in others)
-
-    def near(self, usual: States) -> bool:
-        """Whether attitudes are so near to others in every estimate that what is linear there tells of all of them."""
-        return all(_turned(one.settled.states, usual) < num.LINEAR_TURN for one in self._tried)
-
-    def _weigh_linearly(self, least: Adaptation) -> None:
-        """Every hypothesis in the place of the candidate, at its states and noise."""
-        problem = self._as_rough(_without_the_last(self._setup, least, self._accepted))
-        there = whole_misfit(problem)
-        self._left = min(there, self._with_nothing())
-        self._trials = trials(problem)
-        weighed = [Candidate.of_trial(one) for one in self._trials]
-        if least.candidate.taken:
-            moved = self._as_moved(least)
-            weighed = [moved if one.name == moved.name else one for one in weighed]
-        more = 0.5 * (there - self._left)  # of another IMU's fault the estimate is the same as with nothing
-        self._linearly = [one if one.imu is not None else replace(one, log_odds=one.log_odds - more) for one in weighed]
-
-    def _with_nothing(self) -> float:
-        """The misfit without a cause where the estimate has settled so, at the noise of that which leaves least."""
-        if self._nothing is None:
-            return np.inf
-        settled, sizes = self._nothing
-        return whole_misfit(self._as_rough(_linear_at(self._setup, settled, self._tried[0], self._accepted, sizes)))
-
-    def _trial_of(self, candidate: Candidate) -> Trial:
-        return next(one for one in self._trials if _name(one) == candidate.name)
-
-    def _as_moved(self, least: Adaptation) -> Candidate:
-        """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
-
-        Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first
-        order.
-        """
-        moved, trial, solution = least.candidate, self._trial_of(least.candidate), self._as_rough(least.linear).solution
-        linearly, variance = Candidate.of_trial(trial), float(solution.constants_covariance[-1, -1])
-        size = float(solution.c[-1]) + moved.taken
-        of_size = 0.5 * (size**2 / variance + float(np.log(variance / moved.hypothesis.prior**2)))
-        log_odds = max(linearly.log_odds, of_size + _of_times(trial))
-        return replace(linearly, log_odds=log_odds, fault=max(linearly.fault, moved.fault))
-
-    def _possible(self, weighed: list[Candidate]) -> list[Candidate]:
-        return [one for one in weighed if one.imu is not None or one.hypothesis.name not in self._impossible]
-
-    def _as_rough(self, problem: Problem) -> Problem:
-        return as_rough(problem, self._tried[0].linear, self._tried[0].candidate)
-
-    def _where_it_is(self, linearly: Candidate) -> Candidate:
-        """A candidate weighed where it has its estimate, if it has one, at the noise of that which leaves least."""
-        own = self.with_cause(linearly)
-        if own is None or own.candidate.taken:
-            return linearly
-        is_first = own is self._tried[0]
-        if own.candidate.hypothesis.turns_field:
-            turned = self._where_it_turns(own)
-            return linearly if is_first and linearly.log_odds > turned.log_odds else turned
-        return linearly if is_first else self._where_it_fits(own)
-
-    def _where_it_fits(self, own: Adaptation) -> Candidate:
-        """By what is linear there."""
-        accepted = [*self._accepted, own.candidate]
-        there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
-        problem = without(self._setup, there, accepted, len(self._accepted))
-        refined = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
-        return replace(refined, log_odds=refined.log_odds - 0.5 * (whole_misfit(problem) - self._left))
-
-    def _where_it_turns(self, own: Adaptation) -> Candidate:
-        """Of one that turns a field: by what its estimate leaves, its size and times known as well as there.
-
-        The evidence of a size u that is known to Σ and was to σ² is half of what the misfit loses by it, priors
-        included, and half of log |Σ/σ²|; rate and times are those of the trial.
-        """
-        accepted = [*self._accepted, own.candidate]
-        there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
-        signature = own.candidate.of(there)
-        known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
-        _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
-        known_better = 0.5 * float(spread) - float(np.log(there.prior.constants_sigma[known]).sum())
-        times = _of_times(self._trial_of(own.candidate))
-        log_odds = 0.5 * (self._left - whole_misfit(there)) + known_better + times
-        return replace(own.candidate, log_odds=log_odds)
-
-
-def _name(one: Trial) -> tuple[str, str, int | None]:
-    return one.hypothesis.name, one.shape, one.imu
-
-
-def _of_times(one: Trial) -> float:
-    """What its rate and its times add to the evidence of its size: less than nothing, for they are not known."""
-    return one.log_odds - float(one.log_bayes.max())
-
-
-def _turned(one: States, other: States) -> float:
-    """The largest angle between attitudes of two estimates, rad."""
-    turn = quaternion.log(quaternion.multiply(one.q_ned_frd, quaternion.conjugate(other.q_ned_frd)))
-    return float(np.linalg.norm(turn, axis=1).max())
-
-
-def _try_out(weighing: _Weighing, candidates: Iterable[tuple[Candidate, Start]], usual: States, most: float) -> None:
+def _try_out(weighing: Weighing, candidates: Iterable[tuple[Candidate, Start]], usual: States, most: float) -> None:
     """Estimates with a candidate each, the likeliest first, until one is surely likelier than all others."""
     left = sorted(candidates, key=lambda one: one[0].log_odds)
     while left and weighing.linearisations < most:
         if weighing.add(*left.pop()) and weighing.surely_likeliest([one for one, _ in left], usual):
             break
-
-
-def _when(one: Candidate) -> _When:
-    return (*one.name, one.onset, one.end)
 
 
 def _candidates(weighed: Sequence[Trial]) -> Iterable[Candidate]:
@@ -408,50 +231,6 @@ def _candidates(weighed: Sequence[Trial]) -> Iterable[Candidate]:
         if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
             chosen.setdefault(one.hypothesis.device == "imu", Candidate.of_trial(one))
     return chosen.values()
-
-
-def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:
-    """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
-    candidate = adaptation.candidate
-    if not (candidate.taken or candidate.hypothesis.turns_field):
-        return without(setup, adaptation.linear, [*accepted, candidate], len(accepted))
-    signature, sizes = candidate.of(adaptation.linear), _sizes(adaptation)
-    before = sizes[: len(sizes) - (0 if signature is None else signature.unknowns)]
-    return _linear_at(setup, adaptation.settled, adaptation, accepted, before)
-
-
-def _sizes(adaptation: Adaptation) -> Array:
-    """(m,) of all that is accepted, and of its candidate."""
-    return adaptation.linear.solution.c[CONSTANT_STATES:]
-
-
-def _linear_at(
-    setup: Setup, settled: Start, noise_of: Adaptation, accepted: Sequence[Candidate], sizes: Array
-) -> Problem:
-    """The problem about the states of an estimate, at the noise of another; its weights too, where none was moved."""
-    least = noise_of.linear
-    weights = {} if noise_of.candidate.taken else {one.name: one.weight for one in least.measurements}
-    return linearise(
-        replace(setup, relative_noise=least.relative_noise), preintegrated(setup, settled.states, settled.path),
-        settled.states, least.noise, noise_of.settled.scale, weights, noise_of.settled.slow, accepted, sizes=sizes,
-    )  # fmt: skip
-
-
-def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: int) -> Problem:
-    """The problem without one of the hypotheses that it has, at the same states and noise."""
-    prior = problem.prior
-    widths = [0 if (s := candidate.of(problem)) is None else s.unknowns for candidate in accepted]
-    first = CONSTANT_STATES + sum(widths[:one])
-    keep = np.delete(np.arange(len(prior.constants_sigma)), np.arange(first, first + widths[one]))
-    motion = replace(problem.motion, constants=problem.motion.constants[..., keep])
-    measurements = tuple(replace(m, constants=m.constants[..., keep]) for m in problem.measurements)
-    prior = replace(
-        prior, constants_residual=prior.constants_residual[keep], constants_sigma=prior.constants_sigma[keep]
-    )
-    left = replace(problem, motion=motion, measurements=measurements, prior=prior, others=setup.others)
-    for candidate in (*accepted[:one], *accepted[one + 1 :]):
-        left = beside(left, candidate)
-    return left
 
 
 def _rivals(
@@ -470,24 +249,3 @@ def _rivals(
 
 def _who(rival: Rival) -> tuple[str, int | None]:
     return rival.kind, rival.imu
-
-
-def as_rough(problem: Problem, linear: Problem, candidate: Candidate) -> Problem:
-    """The problem with as much process noise about a cause as that scatters there, more than in the whole flight.
-
-    linear: of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher,
-    as by vibration, a launch or a touch of the ground, chance does as much. The moments before a cause belong to it:
-    one that has only begun explains what scatters since, but not what scattered before.
-    """
-    e, d = linear.solution.disturbances
-    t, own = linear.t, np.diagonal(d, axis1=1, axis2=2)
-    within = (t[1:] > candidate.onset - num.ROUGH_STRETCH_S) & (t[:-1] < candidate.end)
-    if not within.any():
-        return problem
-    weight = problem.motion.weight.copy()
-    for block, moved in ((ATTITUDE, ATTITUDE), (VELOCITY, slice(VELOCITY.start, POSITION.stop))):
-        unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)
-        rougher = max(1.0, float(np.sqrt(unlikely[within].mean() / max(unlikely.mean(), 1e-300))))
-        weight[within, moved] /= rougher
-        weight[within, :, moved] /= rougher
-    return replace(problem, motion=replace(problem.motion, weight=weight))
