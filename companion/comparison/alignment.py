@@ -122,7 +122,7 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
     begin, end = blocks.t[:-1], blocks.t[1:]
     fine = np.ones(len(begin), np.bool_)
     was_armed = flight.armed(begin, end)
-    motors_off = np.full(len(begin), "HEARTBEAT" in flight.messages) if was_armed is None else ~was_armed
+    motors_off = np.zeros(len(begin), np.bool_) if was_armed is None else ~was_armed
     position = flight.position
     if position is not None and len(position) > 1:
         inside = (begin >= position.t[0]) & (end <= position.t[-1])

@@ -223,10 +223,13 @@ class Flight:
         return self.imus[name]
 
     def armed(self, begin: Array, end: Array) -> npt.NDArray[np.bool_] | None:
-        """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where that is not known."""
+        """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where that is not known.
+
+        Where nothing changes the first heartbeat would have told of an armed vehicle.
+        """
         changes = [(e.t, e.kind == "armed") for e in self.events if e.kind in {"armed", "disarmed"}]
         if not changes:
-            return None
+            return np.zeros(len(begin), np.bool_) if "HEARTBEAT" in self.messages else None
         t, state = (np.array(column) for column in zip(*changes, strict=True))
         before = np.concatenate([[not state[0]], state])  # the first event is a change
         at_start, at_end = (before[np.searchsorted(t, when, side="right")] for when in (begin, end))

@@ -312,11 +312,14 @@ def _best(
 
 
 def _independent(best: BestEstimate | None) -> BestEstimate | None:
-    """The estimate, where anything but the IMU told it of its turns.
+    """The estimate, where anything but the IMU told it of its turns: GPS, a compass, or rest for most of the time.
 
     Without it a bias that steps is learned as noise, and nothing would contradict.
     """
-    return None if best is None or {"gps_position", "compass"}.isdisjoint(best.residuals) else best
+    if best is None or not {"gps_position", "compass"}.isdisjoint(best.residuals):
+        return best
+    at_rest = best.residuals.get("rest_rate")
+    return best if at_rest is not None and 2 * len(at_rest.t) > len(best.t) else None
 
 
 def in_flight(imu_spec: ImuSpec, best: BestEstimate) -> ImuSpec:

@@ -17,7 +17,7 @@ from companion.app.sensors import load_imu_spec
 from companion.comparison import GENERIC, PARTS
 from companion.comparison.windows import compare
 from companion.estimation import probabilities
-from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
+from companion.model import Array, CompassTrack, Flight, GpsTrack, MessageStats, Series
 from companion.simulate.true_flight import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from companion.verdict import Assessment, Finding, assess
@@ -589,6 +589,16 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
     assert seen.status == blind.status == "consistent"
     assert "GPS" not in seen.summary
     assert blind.summary.endswith("No GPS data: the position could not be verified.")
+
+
+def test_a_vehicle_that_its_heartbeats_never_call_armed_rests() -> None:
+    """At a ground station's rate, without GPS and compass: the gyro reads its bias, and gravity tells the tilt."""
+    heard = {"HEARTBEAT": MessageStats(60, 1.0, 1.0, 0)}
+    bench = flown(motions.rest(seconds(60.0, 4.0)), gps=(), compasses=(), events=(), messages=heard)
+    assert assess(bench, GENERIC).verdict.status == "consistent"
+    assert assess(replace(bench, messages={}), GENERIC).verdict.status == "insufficient_data", "motors may be running"
+    off = assess(misread(bench, gyro=(0.0, 0.02, 0.0)), GENERIC).verdict
+    assert (off.status, off.cause and off.cause.kind) == ("imu_suspect", "gyro_bias")
 
 
 @pytest.mark.parametrize(("rate", "told"), [(0.02, False), (0.05, True), (0.1, True)])
