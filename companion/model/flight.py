@@ -69,6 +69,9 @@ class MessageStats:
     duplicates: int  # copies with the device time and content of another
 
 
+_SAYS_ARMED = frozenset({"HEARTBEAT", "vehicle_status"})
+
+
 @dataclass(frozen=True, slots=True)
 class StatusText:
     """A STATUSTEXT. Its text is untrusted: escape it before it becomes markup."""
@@ -225,11 +228,11 @@ class Flight:
     def armed(self, begin: Array, end: Array) -> npt.NDArray[np.bool_] | None:
         """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where that is not known.
 
-        Where nothing changes the first heartbeat would have told of an armed vehicle.
+        Where nothing changes the first message that says it would have told of an armed vehicle.
         """
         changes = [(e.t, e.kind == "armed") for e in self.events if e.kind in {"armed", "disarmed"}]
         if not changes:
-            return np.zeros(len(begin), np.bool_) if "HEARTBEAT" in self.messages else None
+            return None if _SAYS_ARMED.isdisjoint(self.messages) else np.zeros(len(begin), np.bool_)
         t, state = (np.array(column) for column in zip(*changes, strict=True))
         before = np.concatenate([[not state[0]], state])  # the first event is a change
         at_start, at_end = (before[np.searchsorted(t, when, side="right")] for when in (begin, end))
