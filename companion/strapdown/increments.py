@@ -174,7 +174,8 @@ def _pieces(imu: ImuTrack, first: int, last: int) -> _Pieces:
         _Signal(own / 2.0, before, x),
         _Signal(own[:-1] / 2.0, x[:, :-1], after[:, :-1]),
         turn,
-        _Signal(apart, after[:, :-1], before[:, 1:]) if np.abs(apart).max() > _EXACT else None,
+        # Of an interval that is not known, as the first may be, nothing follows for the others.
+        _Signal(apart, after[:, :-1], before[:, 1:]) if np.nanmax(np.abs(apart), initial=0.0) > _EXACT else None,
     )
 
 

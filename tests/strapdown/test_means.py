@@ -123,6 +123,16 @@ def test_a_lost_sample_is_crossed_on_the_curve() -> None:
     assert position < 8e-3
 
 
+def test_a_first_interval_that_is_not_known_costs_no_other() -> None:
+    """Intervals of 98 % of the time between their middles: what lies between two of them is integrated all the same."""
+    motion = motions.spin(np.linspace(0.0, 4.0, 1001))
+    own = np.full(1001, 0.98 * 0.004)
+    own[0] = np.nan
+    assert errors(dead_reckon(replace(motion.imu, interval=own), motion.start), motion)[0] < 1e-9
+    short = dead_reckon(replace(motion.imu, interval=own)[:2], motion.start)
+    assert np.isfinite(short.q_ned_frd).all()
+
+
 @pytest.mark.parametrize("method", ["euler", "midpoint", "rk4"])
 def test_any_cutting_gives_the_batch(method: str) -> None:
     imu = integrals(motions.coning, uneven_edges(600, 6.0))
