@@ -241,7 +241,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     magnetic = _magnetic_heading(flight, rest, level)
     yaw_reference = None
     if comparison.reference.attitude_known[rest.last]:
-        yaw_reference = float(quaternion.to_euler(comparison.reference.at(np.array([rest.last])).q_ned_frd[0])[2])
+        yaw_reference = _heading_from(comparison.reference.at(np.array([rest.last])).q_ned_frd[0], level)
     source, yaw, heading_sigma = "nothing", 0.0, healthy.UNKNOWN_HEADING_RAD
     if magnetic is not None:
         magnetic += flight.declination
@@ -263,6 +263,15 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     aligned = Alignment(rest, q, source, tilt_sigma, heading_sigma, bias, *known, later=(), notes=())
     later, cut = _later(aligned, comparison, imu, autopilot)
     return replace(aligned, later=later, notes=(*notes, *cut))
+
+
+def _heading_from(q: Array, level: Array) -> float:
+    """rad, about down, that turns an attitude of heading zero (4,) as near as can be to another (4,).
+
+    Of a nose that points up the yaw angles of the two, with their rolls, may be any and mean nothing beside each other.
+    """
+    turn = quaternion.multiply(q, quaternion.conjugate(level))
+    return float(2.0 * np.arctan2(turn[3], turn[0]))
 
 
 def _magnetic_heading(flight: Flight, rest: Rest, level: Array) -> float | None:

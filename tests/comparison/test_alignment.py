@@ -107,6 +107,19 @@ def test_the_heading_of_the_magnetometer_needs_the_declination() -> None:
     assert angle(known.q_ned_frd, flight.require_attitude().q_ned_frd[0]) < 0.1
 
 
+@pytest.mark.parametrize("pitch", [-89.9, 0.0, 60.0, 89.9])
+def test_a_nose_that_points_up_takes_the_heading_that_the_autopilot_has(pitch: float) -> None:
+    """A tail-sitter before take-off: a little lean is any roll there, and takes the yaw angle with it."""
+    q = quaternion.from_euler(0.0, np.radians(pitch), np.radians(40.0))
+    motion = motions.rest(seconds(10, 50), q)
+    leaning = motion.accel + np.array([0.0, 0.03, 0.0]) + np.random.default_rng(1).normal(0.0, 0.01, motion.accel.shape)
+    flight = flight_of(replace(motion, accel=leaning))
+    assert angle(aligned(flight).q_ned_frd, q) < 0.4
+    magnetic = aligned(with_magnetometer(flight)).magnetic_error_rad
+    assert magnetic is not None
+    assert magnetic == pytest.approx(-DECLINATION, abs=0.02)
+
+
 def test_a_flight_that_never_rests_says_what_it_found() -> None:
     with pytest.raises(DataError, match=r"no rest of three seconds.*quietest moment, at .* turns by"):
         aligned(noisy(motions.coning(seconds(40, 100), angle=0.3, frequency=0.3)))
