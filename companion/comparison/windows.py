@@ -106,15 +106,19 @@ CURVATURE, RATE, SIGN, ZERO = range(4)
 whether they are exactly zero."""
 
 
-def reading_means(track: ImuTrack, start: IntArray, end: IntArray) -> Array:
-    """(W, 4, 2, 3) means of those over windows, for the axes of gyro and accelerometer."""
+def reading_means(track: ImuTrack, gaps: BoolArray, start: IntArray, end: IntArray) -> Array:
+    """(W, 4, 2, 3) means of those over windows, for the axes of gyro and accelerometer.
+
+    gaps: (N-1,) intervals across which the motion went on: no change over one of them is noise, nor a rate.
+    """
     means = np.empty((len(start), 4, 2, 3))
     square, apart = np.zeros((2, len(track))), track.t[2:] - track.t[:-2]
+    whole = ~(gaps[1:] | gaps[:-1])
     for sensor, readings in enumerate((track.gyro, track.accel)):
         for i, axis in enumerate(readings.T):
             change = axis[1:] - axis[:-1]
-            np.square(change[1:] - change[:-1], out=square[CURVATURE, 2:])
-            np.square((change[1:] + change[:-1]) / apart, out=square[RATE, 1:-1])
+            np.square(change[1:] - change[:-1], out=square[CURVATURE, 2:], where=whole)
+            np.square((change[1:] + change[:-1]) / apart, out=square[RATE, 1:-1], where=whole)
             for what, values in enumerate((*square, np.sign(axis), axis == 0.0)):
                 means[:, what, sensor, i] = means_between(values, start, np.maximum(end, start + 1))
     return means
@@ -194,7 +198,7 @@ class Comparison:
         """(W, 4, 2, 3): see the function. Of windows of whole seconds the samples are looked at once."""
         seconds = self._of_seconds(chosen)
         if seconds is None:
-            return reading_means(self.track, chosen.start, chosen.end)
+            return reading_means(self.track, self.gaps, chosen.start, chosen.end)
         sums = self._second_means * np.diff(self._seconds)[:, None, None, None]
         samples = (chosen.end - chosen.start)[:, None, None, None]
         return np.asarray(means_between(sums, *seconds) * (seconds[1] - seconds[0])[:, None, None, None] / samples)
@@ -207,7 +211,7 @@ class Comparison:
 
     @cached_property
     def _second_means(self) -> Array:
-        return reading_means(self.track, self._seconds[:-1], self._seconds[1:])
+        return reading_means(self.track, self.gaps, self._seconds[:-1], self._seconds[1:])
 
     @cached_property
     def _second_sums(self) -> Sums:

@@ -11,6 +11,7 @@ from scipy.special import chdtri
 from companion.comparison import GENERIC, ReferenceSpec, compare, windows
 from companion.comparison.budget import ATTITUDE, POSITION, VELOCITY, budget, nees, shares_of, stacked, window_noise
 from companion.constants import num
+from companion.model import rows
 from companion.strapdown import ImuModel, Sensor, error_sums, motions, propagate, simulate
 from tests.flights import flight_of, seconds
 
@@ -164,6 +165,18 @@ def test_the_noise_in_flight_is_measured() -> None:
         window_noise(comparison.reading_means(windows(comparison, 5.0)), comparison.track.rate_hz), axis=0
     )
     assert measured == pytest.approx([2e-3, 0.05], rel=0.1)
+
+
+@pytest.mark.parametrize("horizon", [1.0, 1.5])
+def test_what_a_vehicle_does_in_a_gap_is_no_noise_of_the_window_behind_it(horizon: float) -> None:
+    motion = motions.coning(seconds(20, 100), angle=0.4, frequency=0.25)
+    heard = (motion.t <= 14.2) | (motion.t >= 16.0 - 1e-9)
+    track = rows(motion.imu, heard)
+    comparison = compare(flight_of(motion), track=track)
+    chosen = windows(comparison, horizon)
+    assert 16.0 in track.t[chosen.start].round(6)
+    found = window_noise(comparison.reading_means(chosen), track.rate_hz)
+    assert (found < [GENERIC.gyro.noise_density, GENERIC.accel.noise_density]).all()
 
 
 def test_a_window_whose_covariance_cannot_be_inverted_costs_no_other() -> None:
