@@ -24,7 +24,10 @@ from companion.model import Array, AttitudeTrack, BoolArray, ControlTrack, Fligh
 _CRASHED = re.compile(
     r"Crash: Disarming|crash check: error|[Aa]ttitude failure|[Cc]ritical failure|[Ff]light termination", re.ASCII
 )
-UPRIGHT = ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", "HELICOPTER")
+UPRIGHT = (
+    "QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DECAROTOR", "DODECAROTOR", "GENERIC_MULTIROTOR", "COAXIAL",
+    "HELICOPTER",
+)  # fmt: skip
 _AT_WILL = ("ACRO", "FLIP")  # modes in which a pilot may turn it over: ArduCopter looks for no crash (crash_check.cpp)
 
 

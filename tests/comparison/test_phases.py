@@ -151,8 +151,9 @@ def test_a_heading_that_turns_at_rest_after_boot_has_not_settled() -> None:
 OVER = np.where(T > 70.0, np.minimum(4.0 * (T - 70.0), 3.0), 0.0)  # rolls over at 4 rad/s and stays there
 
 
-def test_what_rolls_over_and_stays_there_has_lost_control() -> None:
-    *_, last = phases(story(roll=OVER))
+@pytest.mark.parametrize("kind", ["QUADROTOR", "DECAROTOR", "GENERIC_MULTIROTOR"])
+def test_what_rolls_over_and_stays_there_has_lost_control(kind: str) -> None:
+    *_, last = phases(story(roll=OVER, vehicle=Vehicle(1, 1, "ARDUPILOTMEGA", kind)))
     assert last.kind == "impact"
     assert last.end == pytest.approx(1000.0 + T[-1])
     assert last.start == pytest.approx(1070.0, abs=0.1), "from where it began to turn"
