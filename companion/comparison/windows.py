@@ -138,11 +138,18 @@ class Passes:
 
     def coarse(self, samples: IntArray, usual: IntArray) -> Preintegration:
         """That of rk4's other middle sample, at the samples that are wanted and those that usually are; kept for all
-        whose samples are among them."""
+        whose samples are among them.
+
+        Where much is turned in an interval, its steps are half as long: an even turn is the same with both middles, and
+        what a step makes of it is not.
+        """
         if self._coarse is None or not np.isin(samples, self._coarse[0]).all():
             known = np.unique(np.concatenate([samples, usual]))
             other = "linear" if self._how.middle == "cubic" else "cubic"
-            whole = replace(self._how, method="rk4", middle=other).preintegrate(self._track)
+            track, steps = self._track, self._how.segments
+            turns = np.abs(track.gyro).max() > num.COARSE_TURN_RAD * steps * track.rate_hz
+            coarse = replace(self._how, method="rk4", middle=other, segments=2 * steps if turns else steps)
+            whole = coarse.preintegrate(track)
             self._coarse = known, whole.at(known)
         return self._coarse[1]
 

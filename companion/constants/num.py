@@ -218,6 +218,7 @@ TICK_MAX_PIECES = 4  # a stream may be sent at every second or third tick of the
 TICK_REGULAR = 0.1  # part of a tick that regular stamps keep to
 TICK_MIN_INTERVALS = 20
 COVARIANCE_STEP_S = 0.04  # of the trapezoids by which errors grow: a vehicle turns little meanwhile
+COARSE_TURN_RAD = 0.5  # in a step: of an even turn rk4 misses 3e-5 then, and 5e-4 of one of 1 rad a step
 LOG_MIN_ERROR = 1e-12  # rad, m/s, m: an error of zero has no logarithm
 PAIRED_ANCHORS = 0.25  # part of the horizon by which the anchors of one window pair may be apart
 Z_975 = 1.959964  # two-sided 95 %

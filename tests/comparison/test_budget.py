@@ -9,7 +9,17 @@ import pytest
 from scipy.special import chdtri
 
 from companion.comparison import GENERIC, ReferenceSpec, compare, windows
-from companion.comparison.budget import ATTITUDE, POSITION, VELOCITY, budget, nees, shares_of, stacked, window_noise
+from companion.comparison.budget import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    budget,
+    expected_over,
+    nees,
+    shares_of,
+    stacked,
+    window_noise,
+)
 from companion.constants import num
 from companion.model import rows
 from companion.strapdown import ImuModel, Sensor, error_sums, motions, propagate, simulate
@@ -131,6 +141,15 @@ def test_a_coarse_rate_is_mostly_sampling() -> None:
 
     assert share(200) < 0.01
     assert share(8) > 0.9
+
+
+def test_what_rk4_misses_of_an_even_turn_is_sampling() -> None:
+    """2 rad from sample to sample, alike with both middle samples: what is missing is none of the IMU's."""
+    comparison = compare(flight_of(motions.spin(seconds(20, 10), (0.1, 0.2, 20.0))))
+    expected = expected_over(comparison, windows(comparison, 1.0), GENERIC, ReferenceSpec())
+    assert expected is not None
+    assert expected.inside["attitude"] == 1.0
+    assert expected.shares["attitude"]["sampling"] > 0.9
 
 
 def test_quantisation_of_a_sensor_that_reads_zero() -> None:
