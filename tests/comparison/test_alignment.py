@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -123,6 +124,20 @@ def test_a_nose_that_points_up_takes_the_heading_that_the_autopilot_has(pitch: f
 def test_a_flight_that_never_rests_says_what_it_found() -> None:
     with pytest.raises(DataError, match=r"no rest of three seconds.*quietest moment, at .* turns by"):
         aligned(noisy(motions.coning(seconds(40, 100), angle=0.3, frequency=0.3)))
+
+
+def test_a_long_flight_is_reckoned_on_in_pieces() -> None:
+    """The errors of all its samples at once would take 1 kB for each."""
+    motion = motions.rest(seconds(600, 100))
+    turning = motion.gyro + 0.05 * (motion.t > 30.0)[:, None]
+    flight = flight_of(replace(motion, gyro=turning))
+    comparison = compare(flight)
+    tracemalloc.start()
+    found = align(flight, comparison, GENERIC)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.later[-1].since_s == pytest.approx(motion.t[-1] - found.rest.end_s)
+    assert most < 500 * len(motion.t)
 
 
 def test_a_gap_ends_the_reckoning() -> None:
