@@ -97,6 +97,26 @@ def test_the_desired_attitude_is_that_of_the_imu_whose_readings_the_trim_turns_i
     np.testing.assert_allclose(world, vehicle.apply(turn.apply(felt)), atol=1e-6)
 
 
+def test_the_desired_attitude_of_a_tail_sitter_that_hovers_is_that_of_its_body(tmp_path: Path) -> None:
+    """ATT calls it level where its nose points up, XKQ does not; in forward flight both tell the same."""
+
+    def said() -> Rows:
+        for k in range(100):
+            at, hovers = 1_000_000 + 20_000 * k, k < 50
+            q = Rotation.from_euler("ZYX", (30.0, 87.0 if hovers else 8.0, 0.0), degrees=True).as_quat()
+            yield "IMU", (at, 0, 0.01 * k, 0.0, 0.0, 9.8, 0.0, 0.0)
+            pitch = -3.0 if hovers else 8.0
+            yield "ATT", (at, 0.0, 0.0, pitch + 2.0, pitch, 30.0, 30.0)
+            yield "XKQ", (at, 0, q[3], *q[:3])
+
+    types = TYPES | {"XKQ": ("QBffff", "TimeUS,C,Q1,Q2,Q3,Q4")}
+    (flight,) = c.open_log(write_dataflash(tmp_path / "tail.bin", types, said()))
+    assert flight.control is not None
+    actual = flight.require_attitude().q_ned_frd
+    apart = 2.0 * np.arccos(np.abs(np.sum(actual * flight.control.q_ned_frd, axis=1)))
+    np.testing.assert_allclose(np.degrees(apart), 2.0, atol=0.05)
+
+
 def test_what_is_known_of_a_sensor(tmp_path: Path) -> None:
     (flight,) = c.open_log(write_dataflash(tmp_path / "fast.bin", TYPES, rows(1.0)))
     filtered, raw = flight.imus["IMU[0]"], flight.imus["GYR[0]"]

@@ -79,10 +79,11 @@ def truth(records: Mapping[str, Records]) -> TruthTrack | None:
     return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
 
 
-def control(ekf: cores.Ekf, trims: convert.Trims) -> ControlTrack | None:
+def control(ekf: cores.Ekf, trims: convert.Trims, flown: tuple[Array, Array, str] | None = None) -> ControlTrack | None:
     """The desired attitude of ATT, in the frame of the attitude track.
 
     trims: from the vehicle's frame, of which ATT speaks, into that of its IMU, where that is the track's; else none.
+    flown: times (N,) s, quaternions (N, 4) and source of that track.
     """
     one = ekf.records.get("ATT")
     if one is None or not one.layout.has_numbers(*_DESIRED):
@@ -90,7 +91,8 @@ def control(ekf: cores.Ekf, trims: convert.Trims) -> ControlTrack | None:
     angles = np.radians(one.columns(*_DESIRED))
     if not angles.any():
         return None
-    return control_of("ATT", one.t, in_frame(one.t, from_euler(*angles.T), trims))
+    desired = pose.upright(one, from_euler(*angles.T), flown)
+    return control_of("ATT", one.t, in_frame(one.t, desired, trims))
 
 
 def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
@@ -249,7 +251,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], ekf: cores.Ekf, co
         series=series,
         **aiding_tracks(series, notes, turns),
         biases=biases,
-        control=control(ekf, trims),
+        control=control(ekf, trims, sampled),
         lanes=pose.lanes(ekf, trims, in_imu_frame=in_imu_frame),
     )
 

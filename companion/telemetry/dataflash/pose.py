@@ -25,6 +25,7 @@ from companion.model import (
     from_euler,
     integrated,
     interpolated,
+    nearest,
 )
 from companion.telemetry.aiding import has_position
 from companion.telemetry.clock import epoch_of, gps_to_unix
@@ -175,9 +176,34 @@ def in_frame(t: Array, q: Array, trims: Trims) -> Array:
     out = q.copy()
     for now, level in in_force(t, trims):
         if level is not None:
-            w, x, y, z = from_euler(*level, 0.0)  # the Hamilton product with this one from the right
-            out[now] = q[now] @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+            out[now] = _turned_on(q[now], from_euler(*level, 0.0))
     return out
+
+
+def _turned_on(q: Array, turn: Array) -> Array:
+    """The Hamilton product of attitudes (N, 4) with a turn (4,) from the right."""
+    w, x, y, z = turn
+    return np.asarray(q @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]))
+
+
+def upright(one: Records, q: Array, flown: tuple[Array, Array, str] | None) -> Array:
+    """Attitudes (N, 4) of ATT in the body, where it tells them as of a tail-sitter that stands on its tail.
+
+    There ArduPlane calls a nose that points up level (Plane::Log_Write_Attitude, AP_AHRS_View). It shows by what ATT
+    calls the actual attitude, beside the one that flew.
+    """
+    if flown is None or not one.layout.has_numbers(*_EULER):
+        return q
+    own, nose_up = angles(one), from_euler(0.0, 0.5 * np.pi, 0.0)
+    down = _down(flown[1][nearest(flown[0], one.t)])
+    as_told, turned = (np.sum(down * _down(told), axis=1) for told in (own, _turned_on(own, nose_up)))
+    return np.where((turned > as_told)[:, None], _turned_on(q, nose_up), q)
+
+
+def _down(q: Array) -> Array:
+    """(N, 3) down in the body of attitudes (N, 4)."""
+    w, x, y, z = q.T
+    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
 
 
 _STATES = ("PN", "PE", "PD", "VN", "VE", "VD")
