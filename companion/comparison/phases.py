@@ -99,18 +99,33 @@ def _turned_over(
     if all(event.kind not in ("armed", "disarmed") for event in flight.events):
         return  # a board that is turned by hand has lost nothing
     free = -np.inf
+    lasting = np.array([span for span in calm if span[1] - span[0] > check.CAUGHT_S]).reshape(-1, 2)
     for start, stop in over:
         landed = next((end for begin, end in airborne if begin <= start <= end + check.LANDED_S), None)
         if start < free or landed is None or _at_rest(flight, start):
             continue
-        aloft = [(begin, min(end, landed)) for begin, end in calm if end > stop]
-        caught = next((begin for begin, end in aloft if end - begin > check.CAUGHT_S), None)
+        caught = _first_calm(lasting, stop, landed, check.CAUGHT_S)
         intended = caught is not None and (caught - start <= healthy.FLIP_S or _at_will(flight, start))
         if intended or (caught is None and stop - start < harm.OVERTURNED_S):
             continue
-        held = next((begin + healthy.ALIGNS_S for begin, end in aloft if end - begin > healthy.ALIGNS_S), np.inf)
-        free = min(held, _armed_again(flight, calm, stop))
+        held = _first_calm(lasting, stop, landed, healthy.ALIGNS_S)
+        again = _armed_again(flight, calm, stop)
+        free = again if held is None else min(held + healthy.ALIGNS_S, again)
         yield Phase(_onset(flight, start), free, "impact", "the attitude is beyond control")
+
+
+def _first_calm(calm: Array, after: float, landed: float, least_s: float) -> float | None:
+    """Where the first stretch in control, of (N, 2), begins that ends after a time and lasts for so long in the air.
+
+    By bisection: what shakes about the limit is beyond it thousands of times.
+    """
+    for i in range(int(np.searchsorted(calm[:, 1], after, side="right")), len(calm)):
+        begin, end = float(calm[i, 0]), float(calm[i, 1])
+        if min(end, landed) - begin > least_s:
+            return begin
+        if begin > landed:
+            break
+    return None
 
 
 def _at_will(flight: Flight, over: float) -> bool:
