@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.comparison import Replay
+from companion.estimation import BestEstimate
 from companion.export.paths import COLOURS, geodetic, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.installation import missing
@@ -138,11 +139,10 @@ _LOG = _object(
     "foxglove.Log", timestamp=_TIME, level={**_COUNT, "maximum": 5}, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT
 )
 IMU = _in_frame("companion.Imu", angular_velocity=_VECTOR, specific_force=_VECTOR)  # rad/s, m/s²
-_ERROR = _in_frame(
-    "companion.ReckoningError", attitude_deg=_NUMBER, velocity_mps=_NUMBER, position_m=_NUMBER,
-    attitude=_VECTOR, velocity=_VECTOR, position=_VECTOR,
-)  # fmt: skip
-"""Vectors: rad, m/s, m."""
+_LENGTHS = {
+    "attitude": ("attitude_deg", np.degrees(1.0)), "velocity": ("velocity_mps", 1.0), "position": ("position_m", 1.0),
+}  # fmt: skip
+"""Error, a vector in rad, m/s, m → the name of its length, and the factor to its unit."""
 _COLOUR = _object("foxglove.Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
 _LINE = _object(
     "foxglove.LinePrimitive", type={**_COUNT, "maximum": 2}, pose=_POSE, thickness=_NUMBER,
@@ -203,13 +203,15 @@ def readings(frame_id: str, gyro: Array, accel: Array) -> Iterator[Message]:
         yield {"frame_id": frame_id, "angular_velocity": rate, "specific_force": force}
 
 
-def errors(attitude: Array, velocity: Array, position: Array) -> Iterator[Message]:
-    """companion.ReckoningError without its time: each as a length and as a vector in NED."""
-    lengths = (np.linalg.norm(error, axis=1) for error in (np.degrees(attitude), velocity, position))
-    names = ("attitude_deg", "velocity_mps", "position_m", "attitude", "velocity", "position")
-    vectors = (_vectors(error) for error in (attitude, velocity, position))
-    for row in zip(*(length.tolist() for length in lengths), *vectors, strict=True):
-        yield {"frame_id": "ned", **dict(zip(names, row, strict=True))}
+def errors(known: Mapping[str, Array]) -> tuple[JsonSchema, Iterator[Message]]:
+    """companion.ReckoningError, and its messages without their time: each error as a length and as a vector in NED."""
+    lengths = {_LENGTHS[name]: np.linalg.norm(error, axis=1) for name, error in known.items()}
+    names = [*(name for name, _ in lengths), *known]
+    sizes = ((factor * size).tolist() for (_, factor), size in lengths.items())
+    rows = zip(*sizes, *map(_vectors, known.values()), strict=True)
+    kinds = [_NUMBER] * len(lengths) + [_VECTOR] * len(known)
+    schema = _in_frame("companion.ReckoningError", **dict(zip(names, kinds, strict=True)))
+    return schema, ({"frame_id": "ned", **dict(zip(names, row, strict=True))} for row in rows)
 
 
 def log(level: int, message: str, name: str) -> Message:
@@ -256,7 +258,7 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
     bodies = [
         ("autopilot", t[known], shown.position_ref[known], shown.q_ref[known]),
         ("imu", t, shown.position_imu, shown.q_imu),
-        *([("best", best.t, best.position, best.q_ned_frd)] if best else []),
+        *([("best", best.t, _place(best), best.q_ned_frd)] if best else []),
     ]
     for parent, child, q in (("enu", "ned", NED_IN_ENU), *((f"{name}_frd", name, FLU_IN_FRD) for name, *_ in bodies)):
         (still,) = transforms(parent, child, _HERE, q[None])
@@ -269,17 +271,28 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
             yield topic(f"/{name}/location", _LOCATION, times, _locations(name, where))
     for name, path in drawn.items():
         yield topic("/paths", _SCENE, t[:1], [line(name, path, COLOURS[name])])
-    velocity, position = shown.velocity_error[known], shown.position_error[known]
-    yield topic("/error", _ERROR, t[known], errors(shown.attitude_error[known], velocity, position))
+    schema, messages = errors({name: error[known] for name, error in _errors(shown)})
+    yield topic("/error", schema, t[known], messages)
     for name, track in flight.imus.items():
-        messages = readings("imu_frd", track.gyro, track.accel)
-        yield topic(f"/imu/{name}", IMU, track.t, messages)
+        yield topic(f"/imu/{name}", IMU, track.t, readings("imu_frd", track.gyro, track.accel))
     texts = sorted(flight.texts, key=lambda text: text.t)
     rows = [log(_level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
     yield topic("/statustext", _LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
     rows = [log(_LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
     yield topic("/findings", _LOG, np.array([finding.start_s for finding in findings]), rows)
+
+
+def _place(best: BestEstimate) -> Array:
+    """Its positions; zeros where no GPS holds them, as those of a flight without position."""
+    return best.position if "gps_position" in best.residuals else np.zeros_like(best.position)
+
+
+def _errors(shown: Replay) -> Iterator[tuple[str, Array]]:
+    """Those that there are: of a flight without position the attitude's alone."""
+    yield "attitude", shown.attitude_error
+    if shown.has_position:
+        yield from (("velocity", shown.velocity_error), ("position", shown.position_error))
 
 
 def _series(flight: Flight, table: Table) -> Channel:
@@ -343,6 +356,8 @@ def layout(topics: Collection[str]) -> dict[str, Any]:
     }
     if "/autopilot/location" not in topics:
         del panels["map!flight"]
+    if "/paths" not in topics:  # a flight without position has no error of it
+        del panels["Plot!position"]
     first, *others = panels
     return {
         "configById": panels,

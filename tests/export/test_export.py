@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,10 +21,12 @@ import pytest
 from mcap.reader import make_reader
 
 import companion as c
+from companion.app.examination import examine
+from companion.app.settings import Settings
 from companion.cli import main
 from companion.comparison import PoseError, ape, rpe
 from companion.comparison.pose_error import Spread
-from companion.export import FORMATS
+from companion.export import FORMATS, assessed_replay, write_mcap
 from companion.export.mcap import layout
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, ROOT
@@ -419,7 +422,21 @@ def test_a_flight_without_position_has_attitudes(tmp_path: Path) -> None:
         exit_code = 2 if kind == "kml" else 0  # there is no path for a map
         assert main(["export", path, "--format", kind, "-o", str(tmp_path / kind)]) == exit_code
     assert "no position" in (tmp_path / "tum" / "imu.tum").read_text()
-    assert "/imu/location" not in messages(tmp_path / "mcap")
+    found = messages(tmp_path / "mcap")
+    assert "/imu/location" not in found
+    assert found["/error"][0][2].keys() == {"timestamp", "frame_id", "attitude_deg", "attitude"}
+    assert "Plot!position" not in json.loads((tmp_path / "foxglove" / "layout.json").read_text())["configById"]
     tracks = json.loads((tmp_path / "json").read_text())["tracks"]
     assert not any("position" in name for name in tracks["reckoning"]["columns"])
     assert all(math.isfinite(v) for v in tracks["reckoning"]["columns"]["attitude_error_north_rad"]["values"])
+
+
+def test_without_gps_mcap_does_not_say_where_the_best_estimate_was(flight: c.Flight, tmp_path: Path) -> None:
+    """Nothing holds its position: metres off, and in no other format."""
+    blind = replace(flight, gps=())
+    assessed = examine(blind, Settings()).assessment
+    assert assessed.best is not None
+    write_mcap(tmp_path / "a.mcap", blind, assessed_replay(blind, assessed, 10.0), assessed)
+    found = messages(tmp_path / "a.mcap")
+    assert {value for _, _, body in found["/best/pose"] for value in body["pose"]["position"].values()} == {0.0}
+    assert max(body["position_m"] for _, _, body in found["/error"]) > 0.1
