@@ -43,8 +43,8 @@ def info_options(parser: options.Parser) -> None:
 def run_info(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
     if arguments.table or len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
-        if arguments.json:
-            raise SettingsError("--json is of one log: name one, without --table.")
+        if given := [f"--{name}" for name in ("json", "verbose") if getattr(arguments, name)]:
+            raise SettingsError(f"{' and '.join(given)} is of one log: name one, without --table.")
         return (many_logs.print_sensors if arguments.table else many_logs.print_overview)(arguments)
     arguments.log = arguments.logs[0]
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)

@@ -36,7 +36,8 @@ _HEADINGS = ("log", "vehicle", *_COLUMNS.values(), "IMU used", "announced", "not
 
 def print_verdicts(arguments: argparse.Namespace) -> int:
     """The verdict on each flight of the logs and folders that were named. Exit code: 2 where one cannot be read."""
-    if given := [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]:
+    given = [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]
+    if given := given + ["--anchor rest"] * (arguments.anchor == "rest"):
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
     settings = options.settings_of(arguments)
     statuses = list[str]()

@@ -104,9 +104,12 @@ def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) 
     assert rows["broken.tlog"]["vehicle"].startswith("not read:")
 
 
-@pytest.mark.parametrize(("command", "option"), [("info", "--json"), ("analyze", "--confusion")])
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [("info", "--json"), ("info", "--verbose"), ("analyze", "--confusion"), ("analyze", "--anchor rest")],
+)
 def test_an_option_of_one_log(command: str, option: str, capsys: Captured) -> None:
-    assert f"{option} is of one log" in refused([command, DEMO, DEMO, option], capsys)
+    assert f"{option} is of one log" in refused([command, DEMO, DEMO, *option.split()], capsys)
 
 
 def test_the_verdicts_on_several_logs_are_a_table(
