@@ -209,7 +209,7 @@ def _without_tracks(
         boot=1,
         start=begin,
         duration=end - begin,
-        origin=pose.origin(records),
+        origin=pose.origin(ekf),
         epoch=pose.epoch(records),
         home=pose.home(records),
         events=dataflash_events(records, vehicle, dialect),

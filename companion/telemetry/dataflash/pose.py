@@ -36,6 +36,7 @@ from companion.telemetry.samples import BoolArray, attitude_track, attitudes, pl
 
 _EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
+_SAME_HEIGHT_M = 10.0  # of two cores, and of an origin that the estimate mends in flight by the barometer's drift
 
 QUATERNION, _EULER = ("Q1", "Q2", "Q3", "Q4"), ("Roll", "Pitch", "Yaw")
 
@@ -121,12 +122,35 @@ def _has_position(t: Array, status: Records | None) -> BoolArray:
     return has_position(t, status.t, status["SS"].astype(np.float64))
 
 
-def origin(records: Mapping[str, Records]) -> Origin | None:
+def origin(ekf: Ekf) -> Origin | None:
     """Where POS or GPS first says that the vehicle was; else the zero of the estimate."""
-    for name in ("POS", "GPS"):
-        if (one := records.get(name)) is not None and len(fixed := np.flatnonzero(_is_place(one))):
-            return _place(one, int(fixed[0]), float(one.t[fixed[0]]))
-    return _named_place(records, None, 0)
+    for name, is_measured in (("POS", _is_above_sea), ("GPS", _is_fix)):
+        if (one := ekf.records.get(name)) is not None:
+            known = np.flatnonzero(_is_place(one) & is_measured(one, ekf))
+            if len(known):
+                return _place(one, int(known[0]), float(one.t[known[0]]))
+    return _named_place(ekf.records, None, 0)
+
+
+def _is_above_sea(pos: Records, ekf: Ekf) -> BoolArray:
+    """(N,) whether POS counts heights from the sea: before the estimate is used, it counts them from the start.
+
+    Where it is, its own height above its origin is that of POS, and the origin's height what it is later. Before 2016
+    POS does not tell the height above the origin.
+    """
+    if not pos.layout.has_numbers("RelOriginAlt"):
+        return np.ones(len(pos), np.bool_)
+    above = pos["RelOriginAlt"].astype(np.float64)
+    zero, known = pos["Alt"] - above, np.isfinite(above)
+    core = next((one for one in ekf.of_cores("F1").values() if one.layout.has_numbers("PD")), None)
+    if core is not None:
+        known &= np.abs(above + np.interp(pos.t, core.t, core.in_unit("PD"))) < _SAME_HEIGHT_M
+    return np.asarray(known & (np.abs(zero - zero[known][-1]) < _SAME_HEIGHT_M) if known.any() else known)
+
+
+def _is_fix(gps: Records, _ekf: Ekf) -> BoolArray:
+    """(N,) whether a place was measured: without a fix a receiver tells any place."""
+    return np.asarray(gps["Status"] >= _FIX_3D) if gps.layout.has_numbers("Status") else np.ones(len(gps), np.bool_)
 
 
 def ekf_origin(records: Mapping[str, Records]) -> Origin | None:
