@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from companion.comparison import Replay
 from companion.estimation import BestEstimate
-from companion.export.paths import COLOURS, geodetic, paths
+from companion.export.paths import COLOURS, geodetic, offset, paths
 from companion.export.table import Contents, Format, Table, series_name
 from companion.installation import missing
 from companion.model import Array, Flight, words
@@ -258,16 +258,19 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
     bodies = [
         ("autopilot", t[known], shown.position_ref[known], shown.q_ref[known]),
         ("imu", t, shown.position_imu, shown.q_imu),
-        *([("best", best.t, _place(best), best.q_ned_frd)] if best else []),
+        *([("best", best.t, _place(flight, best), best.q_ned_frd)] if best else []),
     ]
     for parent, child, q in (("enu", "ned", NED_IN_ENU), *((f"{name}_frd", name, FLU_IN_FRD) for name, *_ in bodies)):
         (still,) = transforms(parent, child, _HERE, q[None])
         yield topic("/tf", _TRANSFORM, beats, [still] * len(beats))
     drawn = paths(shown, best)
+    if best and "best" in drawn:
+        drawn["best"] = drawn["best"] + offset(flight, best)
     for name, times, position, q in bodies:
         yield topic("/tf", _TRANSFORM, times, transforms("ned", f"{name}_frd", position, q))
         yield topic(f"/{name}/pose", POSE, times, poses("ned", position, q))
-        if name in drawn and (where := geodetic(flight, position, best if name == "best" else None)) is not None:
+        own = best if name == "best" else None
+        if name in drawn and (where := geodetic(flight, own.position if own else position, own)) is not None:
             yield topic(f"/{name}/location", _LOCATION, times, _locations(name, where))
     for name, path in drawn.items():
         yield topic("/paths", _SCENE, t[:1], [line(name, path, COLOURS[name])])
@@ -283,9 +286,10 @@ def _flown(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Chan
     yield topic("/findings", _LOG, np.array([finding.start_s for finding in findings]), rows)
 
 
-def _place(best: BestEstimate) -> Array:
-    """Its positions; zeros where no GPS holds them, as those of a flight without position."""
-    return best.position if "gps_position" in best.residuals else np.zeros_like(best.position)
+def _place(flight: Flight, best: BestEstimate) -> Array:
+    """Its positions in `ned`; zeros where no GPS holds them, as those of a flight without position."""
+    has_place = "gps_position" in best.residuals
+    return best.position + offset(flight, best) if has_place else np.zeros_like(best.position)
 
 
 def _errors(shown: Replay) -> Iterator[tuple[str, Array]]:

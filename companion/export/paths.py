@@ -5,6 +5,7 @@ KML is what Google Earth and QGIS read. evo reads `timestamp x y z qx qy qz qw`,
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -13,7 +14,7 @@ import numpy as np
 from companion.comparison import Replay
 from companion.estimation import BestEstimate
 from companion.export.table import Format
-from companion.model import Array, DataError, Flight, Origin, geodetic_from_ned
+from companion.model import Array, DataError, Flight, Origin, geodetic_from_ned, ned_from_geodetic
 
 MOST_POINTS = 5000
 """A line of more is slow to draw in Foxglove and Google Earth, and looks the same."""
@@ -57,6 +58,20 @@ def geodetic(flight: Flight, position: Array, best: BestEstimate | None = None) 
     if origin.t is not None:
         there = np.array([np.interp(origin.t, track.t, axis) for axis in track.position.T])
     return places(position - there, origin)
+
+
+def offset(flight: Flight, best: BestEstimate) -> Array:
+    """(3,) m, to be added to the positions of `best`: they then count from the zero of the flight's, NED.
+
+    0 where the place on Earth of either is unknown.
+    """
+    zero = geodetic(flight, np.zeros((1, 3)))
+    if zero is None or best.origin is None:
+        return np.zeros(3)
+    latitude, longitude, height = zero[0].tolist()
+    own = best.origin
+    place = (np.array([own.latitude]), np.array([own.longitude]), np.array([own.height]))
+    return np.asarray(ned_from_geodetic(*place, (math.radians(latitude), math.radians(longitude), height))[0])
 
 
 def places(position: Array, origin: Origin) -> Array:
@@ -117,11 +132,13 @@ def write_tum(folder: Path, flight: Flight, shown: Replay, best: BestEstimate | 
 
 
 def write_estimate_tum(path: Path, flight: Flight, best: BestEstimate) -> Path:
-    """The best estimate, carried to every sample of its IMU."""
+    """The best estimate, carried to every sample of its IMU, about the zero of the flight's positions."""
     t = best.imu.t
     q, _, position = best.at(t)
     about = f"best estimate from {', '.join([best.imu.source, *best.residuals])}"
-    return _write_poses(path, flight, about, t, q, position if "gps_position" in best.residuals else None)
+    return _write_poses(
+        path, flight, about, t, q, position + offset(flight, best) if "gps_position" in best.residuals else None
+    )
 
 
 def _write_poses(path: Path, flight: Flight, about: str, t: Array, q: Array, position: Array | None) -> Path:

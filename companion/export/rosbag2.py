@@ -22,6 +22,7 @@ import numpy.typing as npt
 from companion.comparison import Replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.mcap import FLU_IN_FRD, NED_IN_ENU, Channel, Schema, Stamps, clock_of, stamps_of, write_channels
+from companion.export.paths import offset
 from companion.export.table import Contents, Format, table_name
 from companion.model import Array, Flight, GpsTrack, interpolated
 from companion.strapdown import quaternion
@@ -198,7 +199,7 @@ def _best(flight: Flight, best: BestEstimate) -> Channel:
     of_twist[:, :3, :3] = to_body @ best.covariance[:, VELOCITY, VELOCITY] @ np.swapaxes(to_body, -1, -2)
     of_twist[:, np.arange(3, 6), np.arange(3, 6)] = best.gyro_bias_sigma**2
     flat = (len(best.t), 36)
-    pose, twist = _pose(q, best.position), _twist(q, best.velocity, rates)
+    pose, twist = _pose(q, best.position + offset(flight, best)), _twist(q, best.velocity, rates)
     numbers = np.hstack([pose, of_pose.reshape(flat), twist, of_twist.reshape(flat)])
     return _odometry("best", stamps_of(flight, best.t), numbers)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.comparison import NAMES, PARTS, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.paths import places
+from companion.export.paths import offset, places
 from companion.export.table import (
     BOOT_CLOCK,
     Column,
@@ -153,7 +153,7 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
         *euler_angles("", q),
         *(Column(f"position_{name}", values) for name, values in zip(_PLACE, where, strict=False)),
         *vectors("velocity", "mps", velocity, "NED"),
-        *vectors("position", "m", position, "NED"),
+        *vectors("position", "m", position + offset(flight, best), "NED"),
         *vectors("attitude_sigma", "rad", sigma[ATTITUDE.start], "NED"),
         *vectors("velocity_sigma", "mps", sigma[VELOCITY.start], "NED"),
         *vectors("position_sigma", "m", sigma[POSITION.start], "NED"),

@@ -440,3 +440,30 @@ def test_without_gps_mcap_does_not_say_where_the_best_estimate_was(flight: c.Fli
     found = messages(tmp_path / "a.mcap")
     assert {value for _, _, body in found["/best/pose"] for value in body["pose"]["position"].values()} == {0.0}
     assert max(body["position_m"] for _, _, body in found["/error"]) > 0.1
+
+
+def test_the_best_estimate_lies_on_the_autopilot_whatever_its_positions_count_from(
+    flight: c.Flight, tmp_path: Path
+) -> None:
+    """Its own origin is the first fix: an autopilot that was switched on elsewhere counts from there."""
+    assert flight.position is not None
+    there = np.array([100.0, 50.0, -8.0])
+    moved = replace(flight, position=replace(flight.position, position=flight.position.position + there))
+    assessed = examine(moved, Settings()).assessment
+    assert assessed.best is not None
+    shown = assessed_replay(moved, assessed, 10.0)
+    write_mcap(tmp_path / "a.mcap", moved, shown, assessed)
+    found = messages(tmp_path / "a.mcap")
+    table = c.export.tables(moved, shown, assessed)["best_estimate"]
+    tum = np.loadtxt(c.export.write_estimate_tum(tmp_path / "best.tum", moved, assessed.best))
+    for start in (
+        np.array(list(found["/best/pose"][0][2]["pose"]["position"].values())),
+        np.array([table[f"position_{axis}_m"][0] for axis in ("north", "east", "down")]),
+        tum[0, 1:4],
+        np.array(list(found["/paths"][2][2]["entities"][0]["lines"][0]["points"][0].values())),
+    ):
+        assert start == pytest.approx(shown.position_ref[0], abs=0.5)
+    here, other = (found[f"/{name}/location"][0][2] for name in ("best", "autopilot"))
+    assert [here[part] for part in ("latitude", "longitude")] == pytest.approx(
+        [other[part] for part in ("latitude", "longitude")], abs=1e-5
+    )
