@@ -17,11 +17,11 @@ from typing import Literal
 
 from rich.markup import escape
 
-from companion.app.settings import load_settings
 from companion.cli import options, tables
 from companion.cli.main import commands_of, parser
 from companion.installation import EXTRAS, Library, data_folder, install_command, libraries, log_path, own_version
 from companion.links import state_folder
+from companion.mavlink import load_dialect
 from companion.model import CompanionError
 
 _SIGNS = {"ok": "[green]ok[/]     ", "optional": "[yellow]not here[/]", "broken": "[red]broken[/]  "}
@@ -63,7 +63,7 @@ def _checks(arguments: argparse.Namespace) -> Iterator[Check]:
     try:
         data_folder("config")
         log_path("demo").stat()
-        load_settings(arguments.config)
+        load_dialect(options.settings_of(arguments).log.dialect)
     except (CompanionError, OSError) as error:
         yield Check("broken", str(error))
     else:

@@ -50,3 +50,11 @@ def test_a_settings_file_that_cannot_be_used_is_broken(tmp_path: Path, capsys: p
     config.write_text("[view]\nno_such_key = 1\n")
     assert main(["doctor", "--config", str(config)]) == 2
     assert "no_such_key" in capsys.readouterr().out
+
+
+def test_a_dialect_that_there_is_not_is_broken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "mine.toml"
+    config.write_text('[log]\ndialect = "klingon"\n')
+    for given in (["--dialect", "klingon"], ["--config", str(config)]):
+        assert main(["doctor", *given]) == 2
+        assert "klingon" in capsys.readouterr().out
