@@ -123,7 +123,7 @@ def _serial_ports() -> Iterator[Check]:
 
 
 SHELLS = ("bash", "zsh", "tcsh")
-_FILE_WORDS = ("LOG", "LOG|LINK", "FILE", "PATH", "A", "B")
+_FILE_WORDS = ("LOG", "LOG|LINK", "FILE", "FILE.tum", "FOLDER|PARQUET", "PATH", "A", "B")
 _FOLDER_WORDS = ("DIR",)
 
 

@@ -42,7 +42,9 @@ def test_help_is_a_command_too(capsys: Captured) -> None:
 def test_the_shell_completes_commands_options_and_files(tmp_path: Path, capsys: Captured) -> None:
     assert main(["completion", "bash"]) == 0
     script = tmp_path / "companion.bash"
-    script.write_text(capsys.readouterr().out, encoding="utf-8")
+    script.write_text(text := capsys.readouterr().out, encoding="utf-8")
+    for option in ("smooth__o", "export__o", "preflight___history"):
+        assert f"_shtab_companion_{option}_COMPGEN=_shtab_compgen_files" in text.splitlines()
     ask = "COMP_WORDS=({words}); COMP_CWORD={last}; _shtab_companion; echo ${{COMPREPLY[@]}}"
     for words, expected in (("companion an", "analyze"), ("companion export --for", "--format")):
         asked = ask.format(words=words, last=len(words.split()) - 1)
