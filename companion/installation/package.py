@@ -46,7 +46,7 @@ def log_path(name: str | Path) -> Path:
 
 EXTRAS = {
     "report": "charts in a notebook",
-    "export": "companion export --format parquet, mcap and rosbag2",
+    "export": "companion export --format parquet, mcap, foxglove and rosbag2",
     "zstd": "logs packed with Zstandard",
     "fleet": "companion fleet",
     "mcp": "companion mcp: assistants that ask about logs",

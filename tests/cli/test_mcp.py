@@ -53,6 +53,8 @@ def call(folder: Path, name: str, how: dict[str, Any] | None = None, **arguments
 
 def test_every_tool_is_a_command_with_a_documented_document(folder: Path) -> None:
     assert TOOLS.keys() <= COMMANDS.keys() & KEYS.keys()
+    told = (ROOT / "docs" / "assistants.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in told for name in TOOLS)
     listed = {tool.name: tool for tool in asked(folder, lambda client: client.list_tools()).tools}
     assert listed.keys() == {"list_logs", *TOOLS}
     for name, tool in TOOLS.items():
