@@ -57,9 +57,9 @@ def _lines(verdict: Verdict) -> Iterator[str]:
     kinds = [list(group) for _, group in groupby(findings, key=lambda f: f.kind)]
     for group in kinds[:_MOST_CATEGORIES]:
         kind, severity = group[0].kind, by_severity(group)[0].severity
-        yield f"      - category: {json.dumps(_cut(words(kind), _MOST_NAME))}"
-        yield f"        graph: {json.dumps(graph_of(kind))}"
-        yield f"        color: {json.dumps(_SEVERITY_COLOURS[severity])}"
+        yield f"      - category: {_quoted(_cut(words(kind), _MOST_NAME))}"
+        yield f"        graph: {_quoted(graph_of(kind))}"
+        yield f"        color: {_quoted(_SEVERITY_COLOURS[severity])}"
         yield "        intervals:"
         for finding in group:
             yield from _interval(finding)
@@ -70,7 +70,7 @@ def _interval(finding: Finding) -> Iterator[str]:
     yield f'          - start: "{start}"'
     if end != start:
         yield f'            end: "{end}"'
-    yield f"            annotation: {json.dumps(_cut(f'{finding.severity}: {finding.evidence}', _MOST_TEXT))}"
+    yield f"            annotation: {_quoted(_cut(f'{finding.severity}: {finding.evidence}', _MOST_TEXT))}"
 
 
 def clock(seconds: float) -> str:
@@ -92,6 +92,11 @@ def graph_of(kind: str) -> str:
 
 def _cut(text: str, most: int) -> str:
     return textwrap.shorten(_text(text), most, placeholder="…")
+
+
+def _quoted(text: str) -> str:
+    """As JSON, and characters as they are: JSON's pairs of escapes for one beyond 16 bits are two in YAML."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _text(text: str) -> str:

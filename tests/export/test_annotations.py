@@ -89,3 +89,13 @@ def test_of_too_many_findings_the_least_serious_are_left_out(tmp_path: Path) -> 
     )
     shocks, stuck = read(tmp_path / "a.yaml")
     assert (len(shocks["intervals"]), len(stuck["intervals"])) == (999, 1)
+
+
+def test_every_character_is_read_as_it_was(tmp_path: Path) -> None:
+    """Evidence quotes the vehicle: of a character beyond 16 bits YAML would make two that no file can hold."""
+    spoken = 'the vehicle said "\N{GRINNING FACE}: 1 µT, \\n"'
+    (path,) = write_annotations(
+        tmp_path / "a.yaml", Verdict("imu_suspect", spoken, (finding("gyro_bias", "error", 1.0, 2.0, spoken),))
+    )
+    ((interval,),) = [category["intervals"] for category in read(path)]
+    assert interval["annotation"] == f"error: {spoken}"
