@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import shlex
 import sys
 import webbrowser
@@ -88,13 +89,24 @@ _EXAMINED = ("reckoning", "best_estimate", "drift", "windows", "findings", "cali
 _MOST_POINTS = 5000
 
 
+def _number(text: str) -> float:
+    """A number: nan is none, and nothing is before or after it."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise argparse.ArgumentTypeError(f"must be a number, got {text!r}")
+    return value
+
+
 def series_options(parser: options.Parser) -> None:
     """The command's options."""
     options.add_log(parser, *options.FLIGHT)
     examined = ", ".join(_EXAMINED)
     parser.add_argument("table", metavar="TABLE", nargs="?", help=f"a table of the log, or of its analysis: {examined}")
-    parser.add_argument("--from", dest="begin", type=float, metavar="S", help="from this time of the boot clock on")
-    parser.add_argument("--to", dest="end", type=float, metavar="S", help="up to this time")
+    parser.add_argument("--from", dest="begin", type=_number, metavar="S", help="from this time of the boot clock on")
+    parser.add_argument("--to", dest="end", type=_number, metavar="S", help="up to this time")
     points = options.whole(1, _MOST_POINTS, f"from 1 to {_MOST_POINTS}")
     parser.add_argument("--points", type=points, default=500, metavar="N", help="rows at most, evenly (default: 500)")
     options.add(parser, "--json")

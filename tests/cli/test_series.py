@@ -71,3 +71,10 @@ def test_a_table_of_the_analysis_is_made_when_it_is_asked_for(log: Path, capsys:
 def test_a_table_that_there_is_not(log: Path, capsys: Captured) -> None:
     assert main(["series", str(log), "atitude"]) == 2
     assert "Did you mean attitude?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("given", ["nan", "noon"])
+def test_a_time_is_a_number(given: str, capsys: Captured) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["series", "demo", "attitude", "--from", given])
+    assert f"--from: must be a number, got '{given}'" in capsys.readouterr().err
