@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -285,7 +286,31 @@ def position(messages: Messages, notes: list[str]) -> PositionTrack | None:
     return samples.position_track(messages.name, messages.t, ned, velocity, good, notes)
 
 
-def origin(messages: Messages) -> Origin | None:
+_FIX_3D = 3
+_GPS_HEIGHT_M = 50.0  # no receiver with a fix is off by more
+_SAME_HEIGHT_M = 10.0  # of the zero of the positions, which an estimator may mend in flight by the barometer's drift
+
+
+def _is_measured(messages: Messages, beside: Mapping[str, Messages]) -> BoolArray:
+    """(N,) which places were: without a fix a receiver tells any; before its estimate has an origin ArduPilot does too.
+
+    Then the height is not the receiver's, or that of the zero of LOCAL_POSITION_NED is not what it is later.
+    """
+    if messages.name == "GPS_RAW_INT":
+        return np.asarray(messages["fix_type"] >= _FIX_3D)
+    known = np.ones(len(messages), np.bool_)
+    if messages.name != "GLOBAL_POSITION_INT" or (local := beside.get("LOCAL_POSITION_NED")) is None:
+        return known
+    height = messages["alt"] * 1e-3
+    if (gps := beside.get("GPS_RAW_INT")) is not None and (fixed := gps["fix_type"] >= _FIX_3D).any():
+        known = np.abs(height - np.interp(messages.t, gps.t[fixed], gps["alt"][fixed] * 1e-3)) < _GPS_HEIGHT_M
+    if not known.any():
+        return known
+    zero = height + np.interp(messages.t, local.t, local["z"])
+    return np.asarray(known & (np.abs(zero - zero[known][-1]) < _SAME_HEIGHT_M))
+
+
+def origin(messages: Messages, beside: Mapping[str, Messages] = MappingProxyType({})) -> Origin | None:
     """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN first says it was.
 
     None without a fix. GPS_GLOBAL_ORIGIN is where LOCAL_POSITION_NED is zero, wherever the vehicle is by then.
@@ -293,7 +318,7 @@ def origin(messages: Messages) -> Origin | None:
     is_zero = messages.name == "GPS_GLOBAL_ORIGIN"
     names = ("latitude", "longitude", "altitude") if is_zero else ("lat", "lon", "alt")
     latitude, longitude, height = (messages[n] for n in names)
-    fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
+    fixed = np.flatnonzero(((latitude != 0) | (longitude != 0)) & _is_measured(messages, beside))
     if not len(fixed):
         return None
     i = fixed[0]

@@ -341,7 +341,7 @@ def _made(begun: _Begun, make: _Maker[Track], *names: str) -> list[tuple[Track, 
 
 def _origin(messages: Sender) -> Origin | None:
     names = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN")
-    places = (convert.origin(messages[name]) for name in names if name in messages)
+    places = (convert.origin(messages[name], messages) for name in names if name in messages)
     return next((place for place in places if place is not None), None)
 
 
