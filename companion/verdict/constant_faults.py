@@ -84,12 +84,18 @@ class ConstantError:
     sensor: str  # "gyro", "accel"
     value: Array  # (3,) rad/s or m/s², FRD
     sigma: Array  # (3,)
-    probability: float  # that it is a fault
+    by_axis: Array  # (3,) the probability that it is a fault
+
+    @property
+    def probability(self) -> float:
+        """That it is a fault, on any axis."""
+        return float(self.by_axis.max())
 
     @property
     def axis(self) -> int:
-        """The one that is furthest off."""
-        return int(np.argmax(np.abs(self.value) / np.hypot(self.sigma, _usual(self.sensor))))
+        """The one that is furthest off, of those that are likely to be a fault: all IMUs may be so on another."""
+        off = np.abs(self.value) / np.hypot(self.sigma, _usual(self.sensor))
+        return int(np.argmax(np.where(self.by_axis >= priors.ACCUSED * self.by_axis.max(), off, -1.0)))
 
     @property
     def is_unusual(self) -> bool:
@@ -192,7 +198,7 @@ def _weighed(
     errors, spread = np.array(values), np.array(own)
     sure = np.array([fault_probabilities(sensor, errors[:, i], sigma[i], spread[:, i]) for i in range(3)])
     for k, (instance, source) in enumerate(imus):
-        yield ConstantError(instance, source, sensor, errors[k], np.hypot(sigma, spread[k]), float(sure[:, k].max()))
+        yield ConstantError(instance, source, sensor, errors[k], np.hypot(sigma, spread[k]), sure[:, k])
 
 
 def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:

@@ -95,11 +95,22 @@ def test_of_another_imu_it_is_that_one(
     assert one.cause.size == pytest.approx(max(np.abs(value)), rel=0.1)
 
 
+@pytest.mark.parametrize(("parts", "axis"), [((0.001, 0.99, 0.0), "y"), ((0.981, 0.982, 0.0), "x")])
+def test_the_axis_at_fault_is_named_and_not_one_on_which_all_imus_are_further_off(
+    parts: tuple[float, float, float], axis: str
+) -> None:
+    value, sigma = np.array([0.09, 0.06, 0.0]), np.full(3, 1e-3)
+    (one,) = constant_findings([ConstantError(1, "IMU[1]", "gyro", value, sigma, np.array(parts))], 0.0, 60.0)
+    assert one.cause is not None
+    assert (one.cause.axis, one.cause.size) == (axis, value["xyz".index(axis)])
+    assert f"gyro {axis} of IMU 1" in one.headline
+
+
 @pytest.mark.parametrize("sure", [0.14, 0.99])
 def test_of_two_imus_that_are_off_the_other_way_round_each_is_named_beside_the_other(sure: float) -> None:
-    value, sigma = np.array([0.35, 0.0, 0.0]), np.full(3, 0.04)
-    errors = [ConstantError(k, f"IMU[{k}]", "accel", sign * value, sigma, sure) for k, sign in enumerate((1.0, -1.0))]
-    told = list(constant_findings([*errors, replace(errors[0], imu=2, value=0.1 * value, probability=0.0)], 0.0, 60.0))
+    value, sigma, each = np.array([0.35, 0.0, 0.0]), np.full(3, 0.04), np.array([sure, 0.0, 0.0])
+    errors = [ConstantError(k, f"IMU[{k}]", "accel", sign * value, sigma, each) for k, sign in enumerate((1.0, -1.0))]
+    told = list(constant_findings([*errors, replace(errors[0], imu=2, value=0.1 * value, by_axis=0 * each)], 0.0, 60.0))
     assert len(told) == 2
     assert all("IMU 0" in one.evidence and "IMU 1" in one.evidence and "IMU 2" not in one.evidence for one in told)
 
