@@ -139,6 +139,19 @@ def test_a_fault_of_the_second_flight_alone_is_its_own() -> None:
     assert "after it began" not in found.verdict.summary
 
 
+def test_an_imu_that_nobody_flew_on_and_that_stops_in_the_second_flight_is_told_of() -> None:
+    flight, noise = fallen(), np.random.default_rng(2).standard_normal((len(fallen().imu()), 3))
+    own = flight.imu()
+    gyro, accel = own.gyro + 1e-4 * noise, own.accel + 1e-3 * noise
+    stopped = (own.t > 90.0) & (own.t < 100.0)
+    gyro, accel = (np.where(stopped[:, None], one[np.argmax(stopped)], one) for one in (gyro, accel))
+    other = replace(own, gyro=gyro, accel=accel, source="SCALED_IMU2", instance=1)
+    found = judged(replace(flight, imus={**flight.imus, other.source: other}))
+    assert [one.status for one in found.verdict.flights] == ["consistent", "imu_suspect"]
+    assert found.verdict.cause is not None
+    assert (found.verdict.cause.kind, found.verdict.cause.imu) == ("frozen", 1)
+
+
 def test_evidence_in_the_last_second_of_a_log_is_worth_nothing() -> None:
     end = float(fallen().imu().t[-1])
     late = misread(fallen(), end - 0.9, np.inf, accel=(200.0, 0.0, 0.0), gyro=(0.0, 40.0, 0.0))

@@ -145,9 +145,7 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     is stuck, gyros only: in a calm hover an accelerometer of coarse steps and no noise reads the same for long beside
     one that has some. Of what is noisier for a while, what another IMU does not feel.
     """
-    parts = phases(flight)
-    aligned = aligned_at(parts)
-    lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
+    aligned = aligned_at(phases(flight))
     reported = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
@@ -155,15 +153,14 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
         still = [*frozen_findings(track, flight.require_attitude(), flight.armed(track.t, track.t))]
         own = compare(flight, track=track, how=comparison.how)
         still += stuck_findings(own, flight.imus.values(), ("gyro",))
-        mine = [f for f in still if f.end_s > aligned and f.start_s < lost]
-        mine = [f for f in mine if (track.instance, _sensor(f)) not in reported]
+        mine = [f for f in still if f.end_s > aligned and (track.instance, _sensor(f)) not in reported]
         reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (_of_imu(track, f) for f in mine)
     every, judged = flight.each_imu(), comparison.track.instance
     for track in (one for one in every if one.instance != judged):
         rest = [one for one in every if one.instance != track.instance]
         noisier = [f for f in noisier_findings(track, rest, _arming(flight)) if f.severity == "error"]
-        mine = [f for f in noisier if f.start_s < lost and (track.instance, _sensor(f)) not in reported]
+        mine = [f for f in noisier if (track.instance, _sensor(f)) not in reported]
         yield from (_of_imu(track, f) for f in mine if (track.instance, "") not in reported)
 
 
