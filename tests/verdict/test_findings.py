@@ -27,7 +27,7 @@ from companion.model import (
     Vehicle,
     rows,
 )
-from companion.strapdown import Motion, motions, quaternion
+from companion.strapdown import Motion, motions, quaternion, simulate
 from companion.verdict import Assessment, Finding, assess
 from companion.verdict.findings.axes import meaning_findings
 from companion.verdict.findings.detect import findings, reading_faults
@@ -36,7 +36,7 @@ from companion.verdict.findings.readings import lags, turns_back
 from companion.verdict.findings.stuck import stuck_findings
 from companion.verdict.findings.vibration import clip_counts
 from tests.estimation.sensed import sensed
-from tests.flights import CIRCLE, LIVELY, flight_of, flown, lively, seconds, turned, with_imu
+from tests.flights import CIRCLE, GOOD, LIVELY, flight_of, flown, lively, seconds, turned, with_imu
 from tests.recordings import BUNDLED, shared
 
 pytestmark = pytest.mark.slow
@@ -824,3 +824,17 @@ def test_an_imu_that_was_not_judged_is_named_with_what_it_reads(kind: str) -> No
     assert verdict.status == "imu_suspect"
     assert verdict.cause is not None
     assert (verdict.cause.kind, verdict.cause.imu) == (kind, 1)
+
+
+@pytest.mark.parametrize("begin", [0.0, 35.0])
+def test_an_imu_that_was_not_judged_and_stops_is_not_called_biased(begin: float) -> None:
+    """It reads whatever it did then, which differs from what the others read as a bias and a scale do."""
+    flight = flown()
+    other = replace(simulate(LIVELY.imu, GOOD, 7), source="SCALED_IMU2", instance=1)
+    stopped = (other.t >= begin)[:, None]
+    gyro, accel = (np.where(stopped, read[np.argmax(stopped)], read) for read in (other.gyro, other.accel))
+    other = replace(other, gyro=gyro, accel=accel)
+    found = assess(replace(flight, imus={**flight.imus, other.source: other}), GENERIC)
+    assert {f.kind for f in found.verdict.findings if f.severity == "error"} == {"frozen"}
+    assert found.verdict.cause is not None
+    assert (found.verdict.cause.kind, found.verdict.cause.imu) == ("frozen", 1)

@@ -314,11 +314,17 @@ def without_consequences(
     """The findings, with those of other IMUs, without what only follows from others, and with what the vehicle says."""
     unread_imus = {f.cause.imu for f in turned if f.cause is not None}
     own = [f for f in all_findings if f.cause is None or f.cause.imu not in unread_imus]
+    own = [f for f in own if not is_led_to(f.start_s, f.end_s, [one for one in others if _same_imu(one, f)])]
     constant = {f.kind for f in own if f.severity == "error" and f.cause is not None and f.cause.onset_sigma_s is None}
     own = [f for f in own if not (f.kind in constant and f.side == "data" and ALL_THE_TIME in f.evidence)]
     causes = [f for f in own if f.kind in _CAUSES or f.side == "data"]  # a frozen sensor looks biased, and misleads
     own = [with_reports(f, flight) for f in own if f in causes or not is_led_to(f.start_s, f.end_s, own)]
     return by_severity([*misled(own), *others])
+
+
+def _same_imu(one: Finding, other: Finding) -> bool:
+    """Whether two findings are of one IMU, which both name."""
+    return one.cause is not None and other.cause is not None and one.cause.imu == other.cause.imu is not None
 
 
 _MISLEADS = {
