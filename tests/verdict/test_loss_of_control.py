@@ -139,6 +139,15 @@ def test_a_fault_of_the_second_flight_alone_is_its_own() -> None:
     assert "after it began" not in found.verdict.summary
 
 
+def test_an_imu_that_stopped_in_the_first_flight_hides_no_fault_of_the_second() -> None:
+    biased = misread(fallen(), 90.0, np.inf, gyro=(0.0, 0.0, 0.02))
+    imu = biased.imu()
+    stopped = ((imu.t > 25.0) & (imu.t < 35.0))[:, None]
+    gyro, accel = (np.where(stopped, read[np.argmax(stopped)], read) for read in (imu.gyro, imu.accel))
+    found = judged(with_imu(biased, gyro=gyro, accel=accel))
+    assert [None if one.cause is None else one.cause.kind for one in found.verdict.flights] == ["frozen", "gyro_bias"]
+
+
 def test_an_imu_that_nobody_flew_on_and_that_stops_in_the_second_flight_is_told_of() -> None:
     flight, noise = fallen(), np.random.default_rng(2).standard_normal((len(fallen().imu()), 3))
     own = flight.imu()

@@ -367,10 +367,12 @@ def misled(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
-    """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
-    return any(
-        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in others
-    )
+    """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that.
+
+    Nor of anything that began once the estimator had recovered from it, as in the next flight of a log.
+    """
+    causes = (f for f in others if f.kind in _CAUSES and f.severity == "error")
+    return any(f.start_s < end and f.start_s - 2.0 < start <= f.end_s + healthy.EKF_RECOVERS_S for f in causes)
 
 
 _CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
