@@ -9,6 +9,7 @@ import pytest
 
 from companion.constants import num, priors
 from companion.verdict.finding import Cause, Finding, Side
+from companion.verdict.findings.detect import misled
 from companion.verdict.verdict import Agreement, decide
 from tests.verdict.deviating import off_by
 
@@ -161,6 +162,16 @@ def test_no_side_is_accused_that_has_less_than_95_percent_of_all_shares(imu: flo
     assert any(f.severity == "error" for f in verdict.findings) == (status == "autopilot_suspect")
     if verdict.cause is None:
         assert verdict.summary.startswith("Cannot tell the autopilot's estimate from the IMU (73 % / 27 %): tilt_off")
+
+
+def test_the_autopilot_has_no_share_in_what_a_compass_or_the_board_led_it_to() -> None:
+    """Which of these is turned cannot be told, and with it whether the autopilot was misled."""
+    turned = Finding("compass_orientation", "data", "warning", 0.0, 100.0, "either is turned", "", undecided=True)
+    findings = tuple(misled([turned, cause("heading_jump", "autopilot", 50.0, None, "")]))
+    sensors = {"imu": 0.01, "gps": 0.0, "compass": 0.0, "barometer": 0.0, "nobody": 0.99}
+    verdict = decide(agreements(5, {"attitude": 0.9}), findings, None, "RAW_IMU", sensors)
+    assert verdict.status == "insufficient_data"
+    assert verdict.probability["autopilot"] == 0.0
 
 
 def test_no_flight_of_a_log_accuses_a_side_that_the_log_does_not() -> None:

@@ -357,7 +357,9 @@ def misled(findings: Sequence[Finding]) -> list[Finding]:
         consequences = tuple(f.headline or f.evidence for f in led)
         evidence = f"{one.evidence}; the autopilot was misled by it: {consequences[0]}"
         if throughout and one.undecided:
-            out = [replace(f, side="data", severity="warning", undecided=True) if f in led else f for f in out]
+            out = [
+                replace(f, side="data", severity="warning", cause=None, undecided=True) if f in led else f for f in out
+            ]
             out[i] = replace(one, evidence=evidence)
             continue
         cause = one.cause or Cause(one.kind, "autopilot", one.start_s, one.end_s, sensor=one.kind.partition("_")[0])
