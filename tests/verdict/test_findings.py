@@ -36,7 +36,7 @@ from companion.verdict.findings.readings import lags, turns_back
 from companion.verdict.findings.stuck import stuck_findings
 from companion.verdict.findings.vibration import clip_counts
 from tests.estimation.sensed import sensed
-from tests.flights import CIRCLE, GOOD, LIVELY, flight_of, flown, lively, seconds, turned, with_imu
+from tests.flights import CIRCLE, GOOD, LIVELY, flight_of, flown, lively, seconds, turned, with_imu, without_aiding
 from tests.recordings import BUNDLED, shared
 
 pytestmark = pytest.mark.slow
@@ -838,3 +838,15 @@ def test_an_imu_that_was_not_judged_and_stops_is_not_called_biased(begin: float)
     assert {f.kind for f in found.verdict.findings if f.severity == "error"} == {"frozen"}
     assert found.verdict.cause is not None
     assert (found.verdict.cause.kind, found.verdict.cause.imu) == ("frozen", 1)
+
+
+@pytest.mark.parametrize("motion", [LIVELY, motions.rest(seconds(50, 50))], ids=["lively", "hover"])
+def test_an_accelerometer_that_never_feels_its_weight_is_stuck_whatever_else_there_is(motion: Motion) -> None:
+    flight = flown(motion)
+    dead = with_imu(flight, accel=np.zeros((len(flight.imu()), 3)))
+    for one in (dead, replace(without_aiding(dead), position=None)):
+        found = assess(one, GENERIC)
+        assert kinds(found) == ["stuck_axis"]
+        assert of_kind(found, "stuck_axis").evidence.startswith("accel reads (0, 0, 0) for 50.0 s while the gyro")
+    held = with_imu(flight, accel=np.tile([0.0, 0.0, -STANDARD_GRAVITY], (len(flight.imu()), 1)))
+    assert "stuck_axis" not in kinds(assess(held, GENERIC)), "as a calm hover may read"

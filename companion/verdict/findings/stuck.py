@@ -25,7 +25,16 @@ from companion.comparison import (
 )
 from companion.constants import check, harm, healthy, priors
 from companion.estimation import BestEstimate, Explained, motion_between
-from companion.model import Array, BoolArray, Flight, ImuTrack, IntArray, NoEstimateError, nearest
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    BoolArray,
+    Flight,
+    ImuTrack,
+    IntArray,
+    NoEstimateError,
+    nearest,
+)
 from companion.verdict.finding import Cause, Finding
 from companion.verdict.findings.readings import beside, by_second, evened, never_repeats, read_by, swing, turns_back
 
@@ -75,7 +84,7 @@ def stuck_findings(
     Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
     All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
     happens. Another IMU has to move along it, as it does where this one is seldom still; a finer message of this one
-    must not go on.
+    must not go on. An accelerometer that does not even feel its weight needs no other.
     imus: all of the flight.
     """
     track = comparison.track
@@ -152,7 +161,7 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= stuck_s or known[stretch].mean() < check.STUCK_KNOWN:
                 continue
-            if sensor.step and not _another_moved(others, axes, stretch):
+            if sensor.step and not (_feels_no_weight(axes, stretch) or _another_moved(others, axes, stretch)):
                 continue
             if not sensor.step and not _is_quieter_than_ever(comparison, axes, change[changes], stretch, quietest):
                 continue
@@ -187,6 +196,16 @@ def _quietest(change: Array, rate_hz: float) -> float:
     """How little an axis changes from sample to sample (n,) in its quietest seconds; infinite where these are few."""
     seconds = by_second(change, rate_hz).mean(axis=1)
     return float(np.percentile(seconds, 5.0)) if len(seconds) >= check.MIN_SECONDS else np.inf
+
+
+def _feels_no_weight(axes: _Axes, stretch: slice) -> bool:
+    """Whether a whole accelerometer reads less than half of gravity, the same all the while: what falls so is shaken.
+
+    No other sensor has to say that there was something to be felt.
+    """
+    force = length(axes.sensor.readings[stretch])
+    whole = axes.sensor.name == "accel" and len(axes.axes) == 3
+    return whole and bool((force < STANDARD_GRAVITY / check.UNIT_MIN_FACTOR).all())
 
 
 def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> bool:
