@@ -58,7 +58,7 @@ from companion.model import Array, Flight, ImuTrack, NoEstimateError, brief
 from companion.noise import chi_square, restored
 from companion.verdict.attribution import fault_probability
 from companion.verdict.constant_faults import beside_best, constant_fault_probability, level_is_unusual, read_wrongly
-from companion.verdict.deviations import AutopilotBias, Sensitivity, autopilot_bias, sensitivity
+from companion.verdict.deviations import AutopilotBias, Sensitivity, autopilot_bias, is_judged, sensitivity
 from companion.verdict.finding import Finding
 from companion.verdict.findings.aiding import screened_aiding
 from companion.verdict.findings.axes import misread_finding, righted_compasses, turned_others
@@ -230,6 +230,8 @@ def assess(
     agreed = partial(agreement, corrected, judged, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
     by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
+    # by itself it says nothing of an autopilot that is silent
+    beside = third if third is None or enough or is_judged(flight, third, how.limits) else None
     by_side: dict[str, float] = {}
     if best is not None and best.converged:
         by_side = fault_probability(best, constant_fault_probability(constants), landed_at(parts))
@@ -243,7 +245,7 @@ def assess(
         rests=rests(seen, judged.track, imu_spec),
         autopilot_bias=autopilot_bias(seen, judged.track),
         agreements=agreements,
-        verdict=decide([agreements[h] for h in num.AGREEING_S], all_findings, third, track.source, by_side, by_flight),
+        verdict=decide([agreements[h] for h in num.AGREEING_S], all_findings, beside, track.source, by_side, by_flight),
         best=best,
         sensitivity=_could_show(made, judged.track.t),
     )

@@ -240,17 +240,28 @@ def _strongest_part(t: Array, evidence: Array, least: float) -> tuple[float, flo
     return max(parts, key=lambda part: part[0] + np.log(part[1]), default=None)
 
 
+def is_judged(flight: Flight, best: BestEstimate, limits: Limits) -> bool:
+    """Whether the autopilot tells its attitude where it is judged beside the best estimate, and often enough."""
+    return bool(_judged(flight, best, reference_at(flight.require_attitude(), None, best.t, limits)).any())
+
+
+def _judged(flight: Flight, best: BestEstimate, reference: Reference) -> BoolArray:
+    """(K,) keyframes at which the autopilot is judged; none where they are too few."""
+    judged = judged_at(flight, best.t) & reference.attitude_known
+    return np.asarray(judged & (judged.sum() >= 5))
+
+
 def _off(
     flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float]
 ) -> tuple[Reference, dict[str, tuple[Array, Array, BoolArray]]]:
     """The autopilot's state at the keyframes, and by how much it is off in each quantity, 1σ and where that is known.
 
-    (K,) each: rad, m/s, m. None where less than some keyframes are judged.
+    (K,) each: rad, m/s, m. None where no keyframes are judged.
     """
     t = best.t
     reference = reference_at(flight.require_attitude(), flight.position, t, limits)
-    judged = judged_at(flight, t) & reference.attitude_known
-    if judged.sum() < 5:
+    judged = _judged(flight, best, reference)
+    if not judged.any():
         return reference, {}
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))

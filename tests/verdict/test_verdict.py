@@ -17,7 +17,7 @@ from companion.app.sensors import load_imu_spec
 from companion.comparison import GENERIC, PARTS
 from companion.comparison.windows import compare
 from companion.estimation import probabilities
-from companion.model import Array, CompassTrack, Flight, GpsTrack, MessageStats, Series
+from companion.model import Array, CompassTrack, Flight, GpsTrack, MessageStats, Series, rows
 from companion.simulate.true_flight import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from companion.verdict import Assessment, Finding, assess
@@ -257,6 +257,14 @@ def frozen_from(begin: float, readings: Array, t: Array) -> Array:
     held = readings.copy()
     held[t >= begin] = held[np.argmax(t >= begin)]
     return held
+
+
+@pytest.mark.parametrize(("until", "status"), [(10.3, "insufficient_data"), (40.0, "consistent")])
+def test_an_autopilot_that_falls_silent_is_not_cleared_by_the_sensors_alone(until: float, status: str) -> None:
+    flight = flown()
+    attitude = flight.require_attitude()
+    silent = replace(flight, attitude=rows(attitude, attitude.t < until))
+    assert assess(silent, GENERIC).verdict.status == status
 
 
 def test_a_frozen_imu() -> None:
