@@ -850,3 +850,14 @@ def test_an_accelerometer_that_never_feels_its_weight_is_stuck_whatever_else_the
         assert of_kind(found, "stuck_axis").evidence.startswith("accel reads (0, 0, 0) for 50.0 s while the gyro")
     held = with_imu(flight, accel=np.tile([0.0, 0.0, -STANDARD_GRAVITY], (len(flight.imu()), 1)))
     assert "stuck_axis" not in kinds(assess(held, GENERIC)), "as a calm hover may read"
+
+
+@pytest.mark.parametrize("times", [-1.0, 1.0])
+def test_an_accelerometer_that_feels_its_weight_upside_down_does_not_agree_with_an_attitude(times: float) -> None:
+    """The turns agree, and nothing has a velocity to compare."""
+    flight = replace(flown(), gps=(), position=None)
+    turned_over = with_imu(flight, accel=times * flight.imu().accel)
+    for one in (turned_over, without_aiding(turned_over)):
+        found = assess(one, GENERIC)
+        assert found.verdict.status == ("consistent" if times > 0.0 else "insufficient_data")
+        assert ("the accelerometer feels -1.0" in found.verdict.summary) == (times < 0.0)

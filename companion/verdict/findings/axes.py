@@ -83,6 +83,8 @@ def meaning_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding
         beside = [motion for other in _others(flight, track) if (motion := _beside(track, other)) is not None]
         alone = any(sum(motion.misfit(turn.T)) < harm.AXES_MISFIT for motion in beside)  # read as one turned so
         yield _wrong(track, how, _mending(flight, track, turn, alone=alone))
+    elif not units and not comparison.has_position:  # no velocity that would have to follow from the forces
+        yield from _weight_findings(track, motion)
 
 
 def turned_others(
@@ -241,6 +243,19 @@ def _motion(comparison: Comparison) -> _Motion | None:
     pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(begin.q_ned_frd, half)), force)
     gyro, accel = (means_between(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
     return _Motion(turned / seconds, gyro, pull, accel)
+
+
+def _weight_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
+    """The accelerometer does not feel the vehicle's weight where the autopilot's attitude has the vertical.
+
+    On average it does, however the vehicle turns and pulls, unless it gains speed up or down for as long.
+    """
+    felt = float((motion.accel * motion.pull).sum() / (motion.pull**2).sum())
+    if felt * check.UNIT_MIN_FACTOR < 1.0:
+        feels = f"along the vertical of the autopilot's attitude the accelerometer feels {felt:.2f} g on average"
+        evidence = f"{feels}, where weight is 1; it cannot be told which of the two is wrong"
+        advice = f"Look at the signs and axes of {track.source} where it is sent. GPS in the log would tell."
+        yield Finding("axes_wrong", "data", "warning", *ends_of(track.t), evidence, advice, undecided=True)
 
 
 def _unit_findings(track: ImuTrack, motion: _Motion, by: str = "the autopilot's estimate") -> Iterator[Finding]:
