@@ -228,8 +228,11 @@ class ProbableCause:
 
 
 def of_verdict(assessment: Assessment | None) -> tuple[ProbableCause, ...]:
-    """Where control was not lost: the probabilities of the verdict, side by side."""
-    return () if assessment is None else _by_probability(*_shares(assessment, math.inf))
+    """Where control was not lost: the probabilities of the verdict, side by side; none where it has weighed nothing."""
+    if assessment is None:
+        return ()
+    shares, reported = _shares(assessment, math.inf)
+    return _by_probability(shares, reported) if reported or assessment.verdict.probability else ()
 
 
 def _shares(assessment: Assessment, until: float) -> tuple[dict[str, float], dict[str, list[str]]]:

@@ -22,7 +22,7 @@ from companion.model import (
 from companion.present import incident_markdown
 from companion.strapdown import motions, quaternion
 from companion.verdict import Finding, Incident, Verdict, assess, incident
-from tests.flights import flight_of, flown, seconds
+from tests.flights import flight_of, flown, seconds, with_imu
 from tests.verdict.test_loss_of_control import BEGIN, fallen
 
 MOTORS = 4
@@ -119,6 +119,16 @@ def test_without_a_loss_of_control_the_verdict_weighs() -> None:
     made = incident(flight, assess(flight, GENERIC))
     assert made.moment.kind == "failsafe"
     assert made.causes[0].name == "nobody"
+
+
+def test_of_a_failsafe_in_a_flight_that_cannot_be_judged_no_cause_is_told() -> None:
+    """Its readings determine no trajectory: nothing was weighed, and nobody is cleared."""
+    sound = replace(flown(), gps=(), position=None)
+    imu = sound.imu()
+    flight = replace(with_imu(sound, accel=-imu.accel), events=(Event(30.0, "error", "radio failsafe"),))
+    found = assess(flight, GENERIC)
+    assert not found.verdict.probability
+    assert incident(flight, found).causes == ()
 
 
 def test_the_timeline_is_about_the_moment() -> None:
