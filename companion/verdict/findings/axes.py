@@ -246,12 +246,12 @@ def _motion(comparison: Comparison) -> _Motion | None:
 
 
 def _weight_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
-    """The accelerometer does not feel the vehicle's weight where the autopilot's attitude has the vertical.
+    """The accelerometer feels the vehicle's weight upside down along the vertical of the autopilot's attitude.
 
-    On average it does, however the vehicle turns and pulls, unless it gains speed up or down for as long.
+    On average it feels it upright, however the vehicle turns and pulls, and nothing where the attitude tumbles.
     """
     felt = float((motion.accel * motion.pull).sum() / (motion.pull**2).sum())
-    if felt * check.UNIT_MIN_FACTOR < 1.0:
+    if felt * check.UNIT_MIN_FACTOR < -1.0:
         feels = f"along the vertical of the autopilot's attitude the accelerometer feels {felt:.2f} g on average"
         evidence = f"{feels}, where weight is 1; it cannot be told which of the two is wrong"
         advice = f"Look at the signs and axes of {track.source} where it is sent. GPS in the log would tell."
