@@ -6,9 +6,11 @@ import argparse
 import re
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import rich.console
+import rich.text
 from rich import box
 from rich.markup import escape
 from rich.table import Table
@@ -27,6 +29,10 @@ SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 class Console(rich.console.Console):
     """A terminal, a pipe or a file."""
+
+    def render_str(self, text: str, **how: Any) -> rich.text.Text:
+        """Names of files, and what vehicles say, may hold what a terminal obeys."""
+        return super().render_str(present.printable(text), **how)
 
     def on_broken_pipe(self) -> None:
         """Leave it to `main`: rich would exit with 1, which means "suspect" here."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -76,6 +77,16 @@ def test_info_json_is_what_is_in_the_log(capsys: Captured) -> None:
     assert sensors["GPS_RAW_INT"]["rate_hz"] == pytest.approx(2.0, rel=0.01)
     assert flight["imu_in_use"] == [{"t_s": pytest.approx(flight["start_s"]), "instance": 0}]
     assert [reset["kind"] for reset in flight["resets"]] == ["heading", "heading"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such names there")
+@pytest.mark.parametrize("whole", [True, False], ids=["folder", "log"])
+def test_the_name_of_a_log_tells_the_terminal_nothing(tmp_path: Path, capsys: Captured, *, whole: bool) -> None:
+    """Of a log from elsewhere it may set colours and titles, or turn what is read around."""
+    log = tmp_path / "a\x1b[31m\u202eb.tlog"
+    shutil.copy(DEMO, log)
+    assert main(["info", str(tmp_path if whole else log)]) == 0
+    assert not {"\x1b", "\u202e"} & set(capsys.readouterr().out)
 
 
 def test_several_logs_are_a_table_that_fits_a_terminal(tmp_path: Path, capsys: Captured) -> None:
