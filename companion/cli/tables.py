@@ -32,7 +32,7 @@ class Console(rich.console.Console):
 
     def render_str(self, text: str, **how: Any) -> rich.text.Text:
         """Names of files, and what vehicles say, may hold what a terminal obeys."""
-        return super().render_str(present.printable(text), **how)
+        return super().render_str(present.sanitised(text), **how)
 
     def on_broken_pipe(self) -> None:
         """Leave it to `main`: rich would exit with 1, which means "suspect" here."""

@@ -137,9 +137,7 @@ BESIDE = 0.8  # of the stretch, that another axis may stand still with it
 TURN_PART = 0.14  # of a stretch, over which the attitude turns: a step is in less than a fifth of such spans
 STUCK_SAMPLES = 20.0  # of a window at least, which is a second or more
 MOTION_MEAN_S = 0.2  # means of another IMU's readings, whose noise is not the vehicle's motion
-NOISE_RANGE = (
-    6.0  # between the largest and the smallest of some readings, in σ of the quietest windows: hardly ever more
-)
+NOISE_RANGE = 6.0  # σ of the quietest windows: hardly ever more is between the largest and the smallest reading
 SOME_STEPS = 10.0  # of quantisation
 STUCK_MIN_SAMPLES = 2  # of another IMU
 STEP_ROUNDING = 1.01  # for sums of floats are no whole steps

@@ -20,9 +20,7 @@ from companion.model import Array
 from companion.strapdown import skew
 
 _FIELD, _ = CONSTANTS["earth_field"]
-_BY_FIELD = np.r_[
-    CONSTANTS["soft_iron"][0], CONSTANTS["compass_latency"][0]
-]  # what does more where the field is stronger
+_BY_FIELD = np.r_[CONSTANTS["soft_iron"][0], CONSTANTS["compass_latency"][0]]  # whose columns are of the field
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +71,10 @@ class Candidate:
         """The same once it is accepted, with its size and what else it could have been."""
         return Explained(self.hypothesis.name, self.shape, self.onset, self.onset_sigma, self.end, size, sigma, rivals,
                          self.imu, place)  # fmt: skip
+
+    def unknowns(self, problem: Problem) -> int:
+        """How many sizes of it there are in a problem; 0 where it changes nothing of the estimate."""
+        return 0 if (signature := self.of(problem)) is None else signature.unknowns
 
     def of(self, problem: Problem) -> Signature | None:
         """The signature of what changes; None for what changes nothing of the estimate."""
@@ -129,7 +131,7 @@ def about_sizes(
     changed, by_level = np.zeros(len(compass.t), np.complex128), np.zeros((len(compass.t), 2, 2))
     constants, residual, first = compass.constants.copy(), compass.residual.copy(), CONSTANT_STATES
     for one in accepted:
-        width = 0 if (signature := one.of(problem)) is None else signature.unknowns
+        width = one.unknowns(problem)
         own, first = slice(first, first + width), first + width
         if not one.hypothesis.turns_field:
             continue
@@ -169,8 +171,7 @@ def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Ar
         b, v = gradient[0], v + np.diagonal(information[0])
         if candidate.axis >= 0:
             b, v = b[candidate.axis : candidate.axis + 1], v[candidate.axis : candidate.axis + 1]
-    signature = candidate.of(problem)
-    m = 0 if signature is None else signature.unknowns
+    m = candidate.unknowns(problem)
     return np.broadcast_to(b / v, m), np.broadcast_to(v**-0.5, m)
 
 

@@ -326,8 +326,8 @@ def estimate_with(setup: Setup, start: Start, accepted: Sequence[Candidate], can
         possible = _with(setup, start, accepted, candidate)
     if possible is None:
         return None
-    last, c = possible.candidate.of(possible.linear), possible.linear.solution.c
-    size = c[len(c) - (0 if last is None else last.unknowns) :]
+    c = possible.linear.solution.c
+    size = c[len(c) - possible.candidate.unknowns(possible.linear) :]
     too_large = candidate.shape not in SLOPED and (np.abs(size) > candidate.hypothesis.max_plausible).any()
     return None if too_large else possible
 

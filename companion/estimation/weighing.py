@@ -160,8 +160,7 @@ class Weighing:
         """
         accepted = [*self._accepted, own.candidate]
         there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
-        signature = own.candidate.of(there)
-        known = slice(len(there.solution.c) - (0 if signature is None else signature.unknowns), None)
+        known = slice(len(there.solution.c) - own.candidate.unknowns(there), None)
         _, spread = np.linalg.slogdet(there.solution.constants_covariance[known, known])
         known_better = 0.5 * float(spread) - float(np.log(there.prior.constants_sigma[known]).sum())
         times = _of_times(self._trial_of(own.candidate))
@@ -193,8 +192,8 @@ def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[C
     candidate = adaptation.candidate
     if not (candidate.taken or candidate.hypothesis.turns_field):
         return without(setup, adaptation.linear, [*accepted, candidate], len(accepted))
-    signature, sizes = candidate.of(adaptation.linear), _sizes(adaptation)
-    before = sizes[: len(sizes) - (0 if signature is None else signature.unknowns)]
+    sizes = _sizes(adaptation)
+    before = sizes[: len(sizes) - candidate.unknowns(adaptation.linear)]
     return _linear_at(setup, adaptation.settled, adaptation, accepted, before)
 
 
@@ -218,7 +217,7 @@ def _linear_at(
 def without(setup: Setup, problem: Problem, accepted: Sequence[Candidate], one: int) -> Problem:
     """The problem without one of the hypotheses that it has, at the same states and noise."""
     prior = problem.prior
-    widths = [0 if (s := candidate.of(problem)) is None else s.unknowns for candidate in accepted]
+    widths = [candidate.unknowns(problem) for candidate in accepted]
     first = CONSTANT_STATES + sum(widths[:one])
     keep = np.delete(np.arange(len(prior.constants_sigma)), np.arange(first, first + widths[one]))
     motion = replace(problem.motion, constants=problem.motion.constants[..., keep])

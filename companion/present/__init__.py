@@ -45,7 +45,7 @@ from companion.present.formats import (
     vehicle_words,
     with_unit,
 )
-from companion.present.markup import details, html_table, paragraph, printable, table, text
+from companion.present.markup import details, html_table, paragraph, sanitised, table, text
 from companion.present.palette import Rgb, of_imus
 from companion.present.tables import (
     AXES,

@@ -28,10 +28,10 @@ def link(to: Link) -> str:
 
 def text(value: object) -> str:
     """A value as HTML text, good in an attribute too: escaped, printable, valid in UTF-8."""
-    return html.escape(printable(value))
+    return html.escape(sanitised(value))
 
 
-def printable(value: object) -> str:
+def sanitised(value: object) -> str:
     """A value as text without what a terminal or a page would obey, valid in UTF-8."""
     plain = str(value).encode("utf-8", "replace").decode()
     return "".join(c if c.isprintable() or c in _KEPT else "\N{REPLACEMENT CHARACTER}" for c in plain)
