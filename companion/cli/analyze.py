@@ -146,6 +146,8 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     yield from flights[:_FLIGHTS]
     if len(flights) > _FLIGHTS:
         yield "", f"and {counted(len(flights) - _FLIGHTS, 'flight')} more: --full"
+    if sides := present.likeliest(assessment.verdict):
+        yield "Probability", sides
     yield _drift(assessment)
     could = assessment.sensitivity
     if could.smallest:

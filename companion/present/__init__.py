@@ -21,6 +21,7 @@ from companion.present.findings import (
     headline,
     incident_markdown,
     lasting,
+    likeliest,
     ranked,
     span,
     timeline,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from companion.model import Flight, words
 from companion.present.formats import capitalised, clause, fixed, shown_unit, significant, vehicle_words, with_unit
-from companion.verdict import Cause, Finding, Incident, Output, Verdict, by_severity
+from companion.verdict import Cause, Finding, Incident, Output, Verdict, by_severity, leading_doubt
 from companion.verdict import percent as probability
 
 MOST_LINES = 7
@@ -45,10 +45,14 @@ def headline(verdict: Verdict) -> _Headline:
         sure = nobody if nobody is not None and nobody >= rest else None
         detail = detail if sure is None else _SURE.sub("", detail)
         return _Headline("No IMU fault found", "" if sure is None else f"no fault: {probability(sure)}", detail)
-    if (doubt := next((one for one in verdict.findings if one.undecided), None)) is not None:
-        sides = ", ".join(f"{_SIDES.get(side, side)} {probability(share)}" for side, share in verdict.likeliest)
-        return _Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", sides, detail)
+    if (doubt := leading_doubt(verdict.findings)) is not None:
+        return _Headline(f"Cannot tell which side is wrong: {words(doubt.kind)}", likeliest(verdict), detail)
     return _Headline("Too little in this log to judge", "", detail)
+
+
+def likeliest(verdict: Verdict) -> str:
+    """The two likeliest sides with their probabilities: "compass 71 %, no fault 22 %"; "" where one is sure."""
+    return ", ".join(f"{_SIDES.get(side, side)} {probability(share)}" for side, share in verdict.likeliest)
 
 
 def wrong(cause: Cause) -> str:
@@ -74,7 +78,7 @@ def lasting(cause: Cause) -> str:
 
 _SURE = re.compile(r" \(probability [^()]*\)|; no sensor fault: [^()]*(?=\))")  # stands beside the sentence
 _SENSORS = {"gyro": "Gyro", "accel": "Accelerometer"}
-_SIDES = {"imu": "IMU", "gps": "GPS"}
+_SIDES = {"imu": "IMU", "gps": "GPS", "nobody": "no fault"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def severity_of(severity: str) -> str:
 
 def clause(sentence: str) -> str:
     """A verdict's sentence without its status: "Suspect the IMU: stuck." is "stuck."."""
-    return re.sub(r"^(Suspect the IMU|Suspect the autopilot's estimate|Cannot tell): ", "", sentence)
+    return re.sub(r"^((Suspect the IMU|Suspect the autopilot's estimate|Cannot tell):|Cannot tell) ", "", sentence)
 
 
 def _decimals(size: float) -> int:

@@ -4,7 +4,7 @@ from companion.verdict.assessment import Assessment, assess
 from companion.verdict.deviations import AutopilotBias, AutopilotError, Sensitivity, autopilot_bias, autopilot_error
 from companion.verdict.difference import Change, Contrast, FigureChange, contrast
 from companion.verdict.fault_interval import percent
-from companion.verdict.finding import Cause, Finding, by_severity
+from companion.verdict.finding import Cause, Finding, by_severity, leading_doubt
 from companion.verdict.findings.readings import rate_warning
 from companion.verdict.findings.vibration import Clips, clip_counts
 from companion.verdict.incident import Incident, Output, ProbableCause, imus_within, incident

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from companion import estimation
-from companion.constants import check
+from companion.constants import check, priors
 
 Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
@@ -107,6 +107,20 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Errors first, then warnings, then what is only said; each in order of time."""
     order = get_args(Severity)[::-1]
     return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
+
+
+def leading_doubt(findings: Iterable[Finding]) -> Finding | None:
+    """What leaves it open who is wrong: the likeliest of those that are more likely an error than not, else the first.
+
+    None where nothing does.
+    """
+    undecided = [f for f in findings if f.undecided]
+
+    def probability(finding: Finding) -> float:
+        stated = 0.0 if finding.cause is None else finding.cause.probability or 0.0
+        return stated if stated > priors.PROBABLY_HARMFUL else 0.0
+
+    return max(undecided, key=probability, default=None)
 
 
 def are_near(findings: Iterable[Finding], t: float) -> bool:

@@ -16,7 +16,7 @@ from companion.constants import check, num, priors
 from companion.estimation import BestEstimate, hypothesis_of
 from companion.model import brief, counted
 from companion.verdict.fault_interval import BIAS_UNITS, SENSOR_WORDS, percent
-from companion.verdict.finding import Cause, Finding, by_severity
+from companion.verdict.finding import Cause, Finding, by_severity, leading_doubt
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -89,8 +89,9 @@ def decide_without_imu(findings: tuple[Finding, ...], agreement: str, why: str) 
         first = _first(causes)
         summary = f"Suspect the autopilot's estimate: {headline_of(first)}. {unjudged}"
         return Verdict("autopilot_suspect", summary, findings, stated_cause(first))
-    doubt = next((f.evidence for f in findings if f.undecided), agreement)
-    return Verdict("insufficient_data", f"Cannot tell: {doubt}. {unjudged}", findings)
+    doubt = leading_doubt(findings)
+    told = agreement if doubt is None else doubt.evidence
+    return Verdict("insufficient_data", f"Cannot tell: {told}. {unjudged}", findings)
 
 
 def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding]) -> Mapping[str, float]:
@@ -244,7 +245,8 @@ def _lacking(
         return f"Cannot tell: {data}."
     if not why_too_little:
         return None
-    undecided = next((f"{f.evidence}; " for f in findings if f.undecided), "")
+    doubt = leading_doubt(findings)
+    undecided = "" if doubt is None else f"{doubt.evidence}; "
     begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost and not undecided else "Cannot tell:"
     return f"{begun} {undecided}{why_too_little}."
 
@@ -254,8 +256,8 @@ def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEst
 
     imu: the probability that one is at fault: what harmed nothing yet, or is not known well enough.
     """
-    if undecided := next((f.evidence for f in findings if f.undecided), ""):
-        return undecided
+    if (doubt := leading_doubt(findings)) is not None:
+        return doubt.evidence
     if worst is None or worst.is_consistent:
         return f"an IMU is at fault with a probability of {percent(imu)}" if imu > 1.0 - priors.ACCUSED else None
     quantity = min(worst.inside, key=lambda name: worst.inside[name])

@@ -40,7 +40,7 @@ def test_what_cannot_be_told_accuses_nobody() -> None:
     assert told.probability == ""
     shares = {"nobody": 0.15, "imu": 0.1, "gps": 0.0, "autopilot": 0.75}
     told = headline(Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,), None, shares))
-    assert told.probability == "autopilot 75 %, nobody 15 %"
+    assert told.probability == "autopilot 75 %, no fault 15 %"
     sure = headline(
         Verdict("insufficient_data", "Cannot tell: they differ.", (doubt,), None, {"nobody": 0.99, "imu": 0.01})
     )

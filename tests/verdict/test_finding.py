@@ -7,7 +7,7 @@ import re
 import pytest
 
 from companion import estimation
-from companion.verdict.finding import KINDS, Finding
+from companion.verdict.finding import KINDS, Cause, Finding, leading_doubt
 from tests.recordings import ROOT
 
 
@@ -37,3 +37,27 @@ def test_every_kind_is_made_somewhere(kind: str) -> None:
     )
     end = kind.partition("_")[2]
     assert f'"{kind}"' in source or f'}}_{end}"' in source
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "leads"), [((None, None), 0), ((0.1, 0.4), 0), ((None, 0.8), 1), ((0.6, 0.7), 1)]
+)
+def test_what_is_likelier_than_not_leaves_the_verdict_open_before_what_came_first(
+    probabilities: tuple[float | None, ...], leads: int
+) -> None:
+    doubts = [
+        Finding("tilt_off", "data", "warning", 10.0 * i, 20.0, "off", "look", cause=cause, undecided=True)
+        for i, cause in enumerate(Cause("tilt_off", "autopilot", 0.0, probability=one) for one in probabilities)
+    ]
+    sure = Finding(
+        "vibration",
+        "imu",
+        "warning",
+        0.0,
+        1.0,
+        "shakes",
+        "damp it",
+        cause=Cause("vibration", "imu", 0.0, probability=1.0),
+    )
+    assert leading_doubt([sure, *doubts]) is doubts[leads]
+    assert leading_doubt([sure]) is None

@@ -13,7 +13,7 @@ import numpy as np
 from companion.comparison import Integration, Replay, errors, expected_since_anchor, replay, trailing
 from companion.model import Array, DataError, Event, Flight, StatusText, nearest, words
 from companion.present import QUANTITIES
-from companion.verdict import Assessment, Finding, Verdict
+from companion.verdict import Assessment, Finding, Verdict, leading_doubt
 from companion.view.state.trajectory import (
     AnalysisResult,
     DisplayTrajectory,
@@ -214,7 +214,8 @@ def cause_of(verdict: Verdict) -> Finding | None:
     if (cause := verdict.cause) is not None:
         faults = (f for f in verdict.findings if f.severity == "error")
         return min(faults, key=lambda f: abs(f.start_s - cause.onset_s), default=None)
-    return next((f for f in verdict.findings if f.undecided or f.severity == "error"), None)
+    doubt = leading_doubt(verdict.findings)
+    return doubt or next((f for f in verdict.findings if f.severity == "error"), None)
 
 
 def _is_slow(moment: Moment, display: DisplayTrajectory) -> bool:
