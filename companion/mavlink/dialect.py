@@ -69,7 +69,7 @@ class Dialect:
         if enum not in self.enums:
             raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self.enums)}")
         # The generator ends each enum with a sentinel that is no value of it.
-        names = {value: str(entry.name) for value, entry in self.enums[enum].items()}
+        names = {value: str(entry.name) for value, entry in self.enums[enum].items()} | _RENAMED.get(enum, {})
         return {v: name.removeprefix(f"{enum}_") for v, name in names.items() if not name.endswith("_ENUM_END")}
 
 
@@ -152,13 +152,20 @@ def _nearest(name: str, known: Any) -> str:
     return f" Did you mean {', '.join(near)}?" if near else f" Known are: {', '.join(sorted(known))}."
 
 
+_RENAMED: Mapping[str, Mapping[int, str]] = {
+    "MAV_TYPE": {
+        19: "VTOL_TAILSITTER_DUOROTOR", 20: "VTOL_TAILSITTER_QUADROTOR", 22: "VTOL_FIXEDROTOR", 23: "VTOL_TAILSITTER",
+        24: "VTOL_TILTWING",
+    },
+}  # fmt: skip
+"""MAVLink's own names (minimal.xml) of values that the dialects of pymavlink 2.4.50 have by older ones."""
+
 _MODES_OF = {
     **dict.fromkeys((
         "QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "HELICOPTER", "COAXIAL", "DECAROTOR", "DODECAROTOR",
     ), "COPTER_MODE"),
     **dict.fromkeys((
-        "FIXED_WING", "VTOL_DUOROTOR", "VTOL_QUADROTOR", "VTOL_TILTROTOR", "VTOL_TAILSITTER_DUOROTOR",
-        "VTOL_TAILSITTER_QUADROTOR", "VTOL_FIXEDROTOR", "VTOL_TAILSITTER", "VTOL_TILTWING",
+        "FIXED_WING", "VTOL_TILTROTOR", *_RENAMED["MAV_TYPE"].values(),
     ), "PLANE_MODE"),
     "GROUND_ROVER": "ROVER_MODE", "SURFACE_BOAT": "ROVER_MODE",
     "SUBMARINE": "SUB_MODE", "ANTENNA_TRACKER": "TRACKER_MODE",

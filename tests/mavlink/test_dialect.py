@@ -10,7 +10,7 @@ import numpy as np
 import pymavlink
 import pytest
 
-from companion.mavlink import dialect_names, load_dialect
+from companion.mavlink import dialect_names, load_dialect, mode_name
 from companion.model import SettingsError
 
 SIZES = {"char": 1, "int8_t": 1, "uint8_t": 1, "uint8_t_mavlink_version": 1, "int16_t": 2, "uint16_t": 2}
@@ -69,6 +69,12 @@ def test_enums() -> None:
     assert names[3] == "ARDUPILOTMEGA"
     assert names[12] == "PX4"
     assert not any(name.endswith("ENUM_END") for name in names.values())
+
+
+def test_vehicles_have_the_names_of_mavlink_and_the_modes_of_a_plane() -> None:
+    kinds = load_dialect().enum_names("MAV_TYPE")
+    assert (kinds[1], kinds[20], kinds[22]) == ("FIXED_WING", "VTOL_TAILSITTER_QUADROTOR", "VTOL_FIXEDROTOR")
+    assert {mode_name(load_dialect(), "ARDUPILOTMEGA", kinds[kind], 19) for kind in (1, *range(19, 25))} == {"QLOITER"}
 
 
 def test_unknown_names_say_which_are_near() -> None:
