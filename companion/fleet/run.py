@@ -353,7 +353,6 @@ def _about(run: FleetRun, version: str) -> dict[str, str]:
 
 
 PAGE = "fleet.html"
-_STATE = b"state"
 
 
 def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], about: Mapping[str, str]) -> list[Path]:
@@ -367,13 +366,12 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     known = [(printable(log.path), record) for log, record in logs]
     state = hashlib.sha256(msgspec.json.encode([known, about], order="sorted")).hexdigest()
     paths = [*(folder / f"{name}.parquet" for name in COLUMNS), folder / PAGE]
-    if all(path.is_file() for path in paths) and _state_of(paths[0]) == state:
+    if all(path.is_file() and state.encode() in path.read_bytes() for path in paths):
         return []
     rows = rows_of(logs)
-    page = _page(rows, about)
     try:
-        write(paths[-1], page)
-        for name, path in [*zip(COLUMNS, paths[:-1], strict=True)][::-1]:  # "flights", with the state, last
+        write(paths[-1], f"{_page(rows, about)}\n<!-- state {state} -->\n")
+        for name, path in zip(COLUMNS, paths[:-1], strict=True):
             table = arrow_table(name, getattr(rows, name))
             with replacing(path) as draft:
                 pq.write_table(table.replace_schema_metadata({**about, "state": state}), draft)
@@ -389,15 +387,3 @@ def _page(rows: Rows, about: Mapping[str, str]) -> str:
     except Exception as error:  # noqa: BLE001
         reason = html.escape(f"{type(error).__name__}: {error}")
         return f"<!doctype html><title>Fleet</title><p>This page cannot be drawn ({reason}). The tables are beside it."
-
-
-def _state_of(path: Path) -> str | None:
-    """The state that a table was made of; None for a file that is none of ours."""
-    import pyarrow as pa  # noqa: PLC0415
-    import pyarrow.parquet as pq  # noqa: PLC0415
-
-    try:
-        metadata = pq.read_schema(path).metadata or {}
-    except (OSError, pa.ArrowInvalid):
-        return None
-    return metadata.get(_STATE, b"").decode() or None

@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import numpy as np
@@ -361,6 +362,20 @@ def test_a_log_that_takes_longer_than_it_is_given_is_an_error_of_its_own() -> No
 
     with pytest.raises(InputError, match=r"longer than the 0.2 s .* --timeout"), limited(4.0, 0.2):
         work()
+
+
+def test_what_a_full_disk_left_half_written_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the logs are those of the run before: each file has to be of them, not one for all."""
+    failed = LogRecord(error="bad")
+    first, second = (FoundLog("a.tlog", 1, ""), failed), (FoundLog("b.tlog", 1, ""), failed)
+    assert write_results(tmp_path, [first], {})
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "arrow_table", Mock(side_effect=InputError("no space left.")))
+        with pytest.raises(InputError, match="no space left"):
+            write_results(tmp_path, [first, second], {})
+    assert write_results(tmp_path, [first], {})
+    assert "b.tlog" not in (tmp_path / "fleet.html").read_text()
+    assert write_results(tmp_path, [first], {}) == []
 
 
 def test_text_of_a_log_is_no_formula_in_a_table() -> None:
