@@ -331,7 +331,7 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
 def _again(run: FleetRun, record: LogRecord) -> bool:
     """Whether a log has to be examined although its content is known."""
     failed = record.error is not None or any(flight.error is not None for flight in record.flights)
-    pages = [flight.report for flight in record.flights if flight.analysis is not None]
+    pages = [flight.report for flight in record.flights if flight.analysis and flight.analysis["used_imu"]]
     lacking = run.reports and not all(page and (run.folder / page).is_file() for page in pages)
     return not record.settled or lacking or (run.retry and failed)
 

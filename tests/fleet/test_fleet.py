@@ -24,7 +24,7 @@ import pytest
 from companion.app.settings import Settings
 from companion.cli import main
 from companion.fleet import TIMEOUT_S, FleetRun, FoundLog, run, run_fleet
-from companion.fleet.journal import LogRecord, Plan, version_of
+from companion.fleet.journal import Journal, LogRecord, Plan, version_of
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.run import write_results
 from companion.fleet.task import decode, examine_log, limited
@@ -315,6 +315,23 @@ def test_a_wrong_number_of_workers(count: str, logs: Path, tmp_path: Path, capsy
         main(["fleet", str(logs), "-o", str(tmp_path), "--workers", count])
     assert stop.value.code == 2
     assert "--workers" in capsys.readouterr().err
+
+
+def test_a_flight_that_has_no_report_to_write_is_not_examined_again_for_it(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "no imu.tlog")
+    for t in range(20):
+        log.heartbeat(t)
+        log.attitude(t, boot=t)
+    log.close()
+    settings, out = Settings(), tmp_path / "out"
+    out.mkdir()
+    packed = msgspec.msgpack.encode(settings)
+    plan = Plan(version=version_of(settings, None, None), settings=packed, folder=str(out))
+    record = decode(examine_log(str(tmp_path / "no imu.tlog"), plan))
+    assert [(flight.error, flight.report_error) for flight in record.flights] == [(None, None)]
+    with Journal(out, plan.version) as journal:
+        journal.add(found := FoundLog(str(tmp_path / "no imu.tlog"), 1, "1-1"), record)
+    assert run_fleet(FleetRun(out, settings, reports=True), [found]).examined == 0
 
 
 def test_what_no_table_or_calendar_has_is_a_row(tmp_path: Path) -> None:
