@@ -138,15 +138,10 @@ def _settings(packed: bytes) -> Settings:
     return msgspec.msgpack.decode(packed, type=Settings)
 
 
-@functools.lru_cache(maxsize=4)
-def _version(packed: bytes, imu: str | None, imu_model: str | None) -> str:
-    return version_of(_settings(packed), imu, imu_model)
-
-
 def _unfit(plan: Plan) -> str | None:
     """Why this worker cannot do it as requested, if so."""
     try:
-        own = _version(plan.settings, plan.imu, plan.imu_model)
+        own = version_of(_settings(plan.settings), plan.imu, plan.imu_model)
     except (CompanionError, msgspec.ValidationError) as error:
         return str(error)
     if own != plan.version:

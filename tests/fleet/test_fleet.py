@@ -28,6 +28,7 @@ from companion.fleet.journal import Journal, LogRecord, Plan, version_of
 from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.run import write_results
 from companion.fleet.task import decode, examine_log, limited
+from companion.installation import data_folder
 from companion.model import InputError
 from tests.fleet.conftest import copies, table, with_workers
 from tests.processes import ended
@@ -332,6 +333,17 @@ def test_a_flight_that_has_no_report_to_write_is_not_examined_again_for_it(tmp_p
     with Journal(out, plan.version) as journal:
         journal.add(found := FoundLog(str(tmp_path / "no imu.tlog"), 1, "1-1"), record)
     assert run_fleet(FleetRun(out, settings, reports=True), [found]).examined == 0
+
+
+def test_a_worker_reads_a_noise_specification_again_that_was_edited(tmp_path: Path) -> None:
+    part = tmp_path / "part.toml"
+    (tmp_path / "empty.tlog").touch()
+    text = (data_folder("config") / "imu" / "bmi088.toml").read_text()
+    for content in (text, text.replace("0.014", "0.02")):
+        part.write_text(content)
+        packed = msgspec.msgpack.encode(Settings())
+        plan = Plan(version=version_of(Settings(), None, str(part)), settings=packed, imu_model=str(part))
+        assert "empty" in str(decode(examine_log(str(tmp_path / "empty.tlog"), plan)).error)
 
 
 def test_what_no_table_or_calendar_has_is_a_row(tmp_path: Path) -> None:
