@@ -234,6 +234,7 @@ _ENDINGS = (".tlog", ".bin", ".log", ".ulg", ".px4log", ".gz", ".xz", ".bz2", ".
 _SETTLED_S = 3.0  # a telemetry log grows several times a second, a download too
 _LOOK_MS = 500
 _CLOCK_S = 0.1  # by which the times of files may be behind
+_ADDED = 1  # watchfiles.Change.added
 
 LogLine = dict[str, Any]
 
@@ -273,7 +274,7 @@ def run_watch_folder(arguments: argparse.Namespace) -> int:
     if not arguments.settle >= 0:
         raise SettingsError(f"--settle is a number of seconds, got {arguments.settle:g}.")
     command = command_of("--run", arguments.each or "")
-    there = sorted(path for path in folder.rglob("*") if path.is_file()) if arguments.existing else []
+    there = sorted(_files(folder)) if arguments.existing else []
     growing = dict.fromkeys(there, (-1, 0.0))
     live.say(f"Watching {folder}  (Ctrl-C ends it)")
     stop = threading.Event()
@@ -291,8 +292,8 @@ def run_watch_folder(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _came(folder: Path, wake: Callable[[Path], Iterable[Iterable[tuple[object, str]]]]) -> Iterator[list[Path]]:
-    """What has come or grown, again and again; nothing where nothing has.
+def _came(folder: Path, wake: Callable[[Path], Iterable[Iterable[tuple[int, str]]]]) -> Iterator[list[Path]]:
+    """What has come or grown, again and again; nothing where nothing has. A folder that comes is what is in it.
 
     wake: of watchfiles, which ends at a name that is not UTF-8: then the folder is looked through.
     """
@@ -300,14 +301,18 @@ def _came(folder: Path, wake: Callable[[Path], Iterable[Iterable[tuple[object, s
     while True:
         try:
             for changes in wake(folder):
-                yield [Path(name) for _, name in changes]
+                yield [file for change, name in changes for file in _files(Path(name), below=change == _ADDED)]
                 since = time.time()
         except RuntimeError:
             time.sleep(1e-3 * _LOOK_MS)
-            every = (path for path in folder.rglob("*") if path.is_file())
-            yield [path for path in every if path.stat().st_ctime > since - _CLOCK_S]
+            yield [path for path in _files(folder) if path.stat().st_ctime > since - _CLOCK_S]
         else:
             return
+
+
+def _files(path: Path, *, below: bool = True) -> Iterator[Path]:
+    """The file itself, or those in a folder and below it."""
+    return (one for one in (path, *(path.rglob("*") if below else ())) if one.is_file())
 
 
 def settled(growing: dict[Path, tuple[int, float]], settle_s: float, now: float) -> list[Path]:

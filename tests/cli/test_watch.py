@@ -228,6 +228,16 @@ def test_each_log_that_comes_is_judged_and_a_command_hears_of_it(tmp_path: Path)
     assert [json.loads(line) for line in heard.read_text().splitlines()] == [first, second]
 
 
+def test_a_folder_that_is_moved_in_is_the_logs_in_it(tmp_path: Path) -> None:
+    """What is moved is one change: nobody tells of the files below. A folder is no log, whatever its name."""
+    log = (card := tmp_path / "card") / "flights.zip" / "a.tlog"
+    log.parent.mkdir(parents=True)
+    log.touch()
+    changes = [[(1, str(card))], [(2, str(card))], [(2, str(log))], [(1, str(log.parent))], [(3, str(card / "gone"))]]
+    came = watch._came(tmp_path, lambda _: changes)
+    assert list(came) == [[log], [], [log], [log], []]
+
+
 def test_a_folder_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch-folder", str(tmp_path / "none")]) == 2
     assert "there is no folder" in capsys.readouterr().err
