@@ -301,11 +301,12 @@ def _came(folder: Path, wake: Callable[[Path], Iterable[Iterable[tuple[int, str]
     while True:
         try:
             for changes in wake(folder):
-                yield [file for change, name in changes for file in _files(Path(name), below=change == _ADDED)]
                 since = time.time()
+                yield [file for change, name in changes for file in _files(Path(name), below=change == _ADDED)]
         except RuntimeError:
             time.sleep(1e-3 * _LOOK_MS)
-            yield [path for path in _files(folder) if path.stat().st_ctime > since - _CLOCK_S]
+            before, since = since, time.time()
+            yield [path for path in _files(folder) if path.stat().st_ctime > before - _CLOCK_S]
         else:
             return
 

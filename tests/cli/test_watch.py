@@ -10,6 +10,7 @@ import shlex
 import shutil
 import signal
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,25 @@ def test_a_folder_that_is_moved_in_is_the_logs_in_it(tmp_path: Path) -> None:
     changes = [[(1, str(card))], [(2, str(card))], [(2, str(log))], [(1, str(log.parent))], [(3, str(card / "gone"))]]
     came = watch._came(tmp_path, lambda _: changes)
     assert list(came) == [[log], [], [log], [log], []]
+
+
+def test_a_name_that_cannot_be_told_costs_nothing_and_repeats_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of what came while another log was judged; and once, for as long as such a file grows."""
+    monkeypatch.setattr(watch, "_LOOK_MS", 0)
+    quiet = iter([list[tuple[int, str]]()])
+    log = tmp_path / "while another is judged.tlog"
+
+    def wake(_: Path) -> Iterator[list[tuple[int, str]]]:
+        yield from quiet
+        raise RuntimeError("a name is not UTF-8")
+
+    came = watch._came(tmp_path, wake)
+    assert next(came) == []
+    log.touch()
+    monkeypatch.setattr(watch.time, "time", lambda: log.stat().st_ctime + 60.0)
+    assert [next(came) for _ in range(4)] == [[log], [], [], []]
 
 
 def test_a_folder_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
