@@ -59,7 +59,7 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
     short: dict[str, str] = {}
     waiting, parts = sorted(set(paths)), 1
     while waiting:
-        names = {path: "/".join(path.replace("\\", "/").split("/")[-parts:]) for path in waiting}
+        names = {path: "/".join(path.replace(os.sep, "/").split("/")[-parts:]) for path in waiting}
         counts = Counter(names.values())
         whole = {path for path, name in names.items() if len(name) >= len(path)}
         short |= {path: name for path, name in names.items() if counts[name] == 1 or path in whole}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.fleet import find_logs
+from companion.fleet import find_logs, short_names
 from companion.model import InputError
 from tests.recordings import BUNDLED
 
@@ -95,3 +95,9 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
 def test_nothing_found(path: str, expected: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=expected):
         find_logs([f"{tmp_path}{path}"])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there it parts folders")
+def test_a_backslash_in_a_name_is_of_the_name() -> None:
+    """As the fleet writes the bytes of a name that is no UTF-8."""
+    assert short_names([path := "/logs/b\\xe4r.tlog"]) == {path: "b\\xe4r.tlog"}
