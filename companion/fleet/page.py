@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from companion.fleet.rows import JUDGED_S, Key, Row, Rows, key_of, status_of
+from companion.fleet.rows import JUDGED_S, Row, Rows, key_of, status_of
 from companion.fleet.search import short_names
 from companion.model import counted
 from companion.present import markup, short, words
@@ -21,12 +21,11 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
     horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - JUDGED_S), default=JUDGED_S)
-    after = {key_of(row): row for row in rows.drift if row["horizon_s"] == horizon}
     ordered = rows.by_concern()
     by_kind = rows.count_findings()
     failed = rows.errors()
     sections = [
-        Section("first", "Look at these first", _flights(ordered[:_WORST], rows, names, after, why=True)),
+        Section("first", "Look at these first", _flights(ordered[:_WORST], rows, names, horizon, why=True)),
         *_histories(rows, charts, names),
         Section(
             "findings",
@@ -40,7 +39,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
             if by_kind
             else markup.paragraph("Nothing stands out in any flight."),
         ),
-        Section("flights", "Every flight", _flights(ordered, rows, names, after, why=False)),
+        Section("flights", "Every flight", _flights(ordered, rows, names, horizon, why=False)),
     ]
     if failed:
         body = markup.table(
@@ -86,8 +85,9 @@ def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Se
             yield Section(anchor, f"Biases {title}", body or nothing)
 
 
-def _flights(flights: Sequence[Row], rows: Rows, names: dict[str, str], after: dict[Key, Row], *, why: bool) -> str:
+def _flights(flights: Sequence[Row], rows: Rows, names: dict[str, str], horizon: float, *, why: bool) -> str:
     ratios = rows.worst_ratios()
+    after = {key_of(row): row for row in rows.drift if row["horizon_s"] == horizon}
 
     def cells(row: Row) -> tuple[object, ...]:
         drift = after.get(key_of(row), {})
@@ -108,8 +108,8 @@ def _flights(flights: Sequence[Row], rows: Rows, names: dict[str, str], after: d
         return markup.paragraph("No flight could be judged.")
     return markup.table(
         (
-            *("log", "verdict", *(["because"] if why else []), "worst ÷ expected", f"° after {JUDGED_S:g} s"),
-            *(f"m after {JUDGED_S:g} s", "Hz", "IMU", "vehicle · boot", "date (UTC)"),
+            *("log", "verdict", *(["because"] if why else []), "worst ÷ expected", f"° after {horizon:g} s"),
+            *(f"m after {horizon:g} s", "Hz", "IMU", "vehicle · boot", "date (UTC)"),
         ),
         map(cells, flights),
         words=3 if why else 2,

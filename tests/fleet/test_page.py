@@ -36,3 +36,11 @@ def test_what_logs_say_is_only_text() -> None:
     assert "<" not in json.dumps(figures), "plotly reads some tags in texts"
     assert found.sections.keys() == {"first", "errors", "history", "warmth", "findings", "flights", "made"}
     assert EVIL in found.sections["errors"]
+
+
+def test_a_heading_names_the_horizon_that_its_column_is_of() -> None:
+    key: dict[str, Any] = {"log": "/a.tlog", "vehicle": "1:1", "boot": 1}
+    drift = tuple(key | {"horizon_s": horizon, "attitude_median_deg": horizon} for horizon in (2.0, 30.0))
+    page = fleet_html(Rows((key | {"status": "consistent"},), drift, (), ()), [])
+    assert "° after 2 s" in page
+    assert "after 5 s" not in page
