@@ -47,12 +47,13 @@ def gyros_of(flight: Flight) -> str:
 
 
 def _of_logs(folder: Path, settings: Settings, recording: Recording, flight: Flight) -> Iterator[tuple[Check, ...]]:
-    for one in find_logs([str(folder)]).logs:
-        if Path(one.path).resolve() == recording.source.path.resolve():
-            continue
+    own = digest_of(recording.source.file)
+    for one in find_logs([str(folder)], dialect=settings.log.dialect).logs:
         try:
+            if digest_of(one.path) == own:
+                continue
             flights = read_recording(Path(one.path), **settings.log.options).flights
-        except CompanionError:  # what cannot be read tells of no rest
+        except (CompanionError, OSError):  # what cannot be read tells of no rest
             continue
         same = (other for other in flights if _is_same(_identity(other), _identity(flight)))
         yield from (checks for other in same if (checks := checks_of(other)))

@@ -11,8 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import main
+from companion.fleet import earlier_checks
 from companion.fleet.journal import Plan, version_of
 from companion.fleet.run import write_results
 from companion.fleet.search import find_logs
@@ -72,6 +74,13 @@ def test_a_healthy_one_has_not_changed(logs: Path, results: Path, capsys: Captur
     checks = {one["name"]: one for one in json.loads(capsys.readouterr().out)["flights"][0]["checks"]}
     assert not checks["gyro_noise"]["history"]["changed"]
     assert checks["gyro_bias"]["history"]["times"] == 4
+
+
+def test_a_log_is_not_its_own_past_by_another_name(logs: Path, results: Path, tmp_path: Path) -> None:
+    (tmp_path / "today.tlog").write_bytes((logs / "4.tlog").read_bytes())
+    recording = read_recording(tmp_path / "today.tlog")
+    for history in (logs, results):
+        assert len(earlier_checks(history, Settings(), recording, recording.flights[0])) == 4
 
 
 def test_another_table_and_no_table_are_refused(logs: Path, results: Path, tmp_path: Path, capsys: Captured) -> None:
