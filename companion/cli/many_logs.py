@@ -35,7 +35,10 @@ _HEADINGS = ("log", "vehicle", *_COLUMNS.values(), "IMU used", "announced", "not
 
 
 def print_verdicts(arguments: argparse.Namespace) -> int:
-    """The verdict on each flight of the logs and folders that were named. Exit code: 2 where one cannot be read."""
+    """The verdict on each flight of the logs and folders that were named.
+
+    Exit code: 2 where one cannot be read or has no vehicle, as for one log.
+    """
     given = [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]
     if given := given + ["--anchor rest"] * (arguments.anchor == "rest"):
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
@@ -50,12 +53,15 @@ def print_verdicts(arguments: argparse.Namespace) -> int:
         yield drift
 
     table = tables.folded_table("log", "flight", "verdict", f"after {_HORIZON_S:g} s")
-    unread = _fill(table, arguments, cells, lambda error: ("", f"[red]not read[/]: {escape(error)}"))
-    return 2 if unread else options.exit_code(arguments.fail_on, statuses)
+    _fill(table, arguments, cells, lambda error: ("", f"[red]not read[/]: {escape(error)}"))
+    return 2 if len(statuses) < table.row_count else options.exit_code(arguments.fail_on, statuses)
 
 
 def print_overview(arguments: argparse.Namespace) -> int:
-    """All flights in the logs: duration, and rates of the sensors that a verdict needs. Exit code as above."""
+    """All flights in the logs: duration, and rates of the sensors that a verdict needs.
+
+    Exit code: 2 where a log cannot be read.
+    """
 
     def cells(flight: Flight) -> Iterator[str]:
         yield _vehicle(flight) + (f", boot {flight.boot}" if flight.boot > 1 else "")

@@ -215,6 +215,16 @@ def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp
     assert expected.lower() in said.lower()
 
 
+def test_a_log_without_a_vehicle_among_several_fails_as_it_does_alone(tmp_path: Path, capsys: Captured) -> None:
+    logs = [str(tmp_path / name) for name in ("a.tlog", "b.tlog")]
+    for log in logs:
+        log_of(Path(log), kind=6)
+    for named in (logs[:1], logs):
+        assert main(["analyze", *named, "--fail-on", "insufficient"]) == 2
+        assert main(["info", *named]) == 0
+    assert "no vehicle" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("make", "expected"), LACKING)
 def test_a_log_with_nothing_to_compare(
     make: Callable[[Path], None], expected: str, tmp_path: Path, capsys: Captured
