@@ -10,14 +10,14 @@ import contextlib
 import functools
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Self
 
 import msgspec
 
-from companion.app.files import check, replacing
+from companion.app.files import check, write
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.documents import Document
@@ -121,7 +121,7 @@ class _Line(msgspec.Struct, frozen=True):
 
 
 class Journal:
-    """The records of one version in a folder: read when opened, appended to, closed after use.
+    """The records of one version in a folder: read when opened, and appended to. Another run may append beside it.
 
     Raises InputError when the folder cannot be made or written to.
     """
@@ -129,32 +129,27 @@ class Journal:
     def __init__(self, folder: Path, version: str) -> None:
         self._path = folder / NAME
         self._version = version
-        self._lines: dict[str, _Line] = {}  # by path, the latest
-        self._others: dict[tuple[str, str], _Line] = {}  # of other versions, by path and version
-        self._records: dict[str, LogRecord] = {}  # by path
+        self._known: dict[str, tuple[FoundLog, LogRecord]] = {}  # by path, the latest
         self._same_size: dict[int, dict[str, LogRecord]] = {}  # size → sha256 → record: content under any name
-        self._read = 0  # lines in the file
         with _failing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             check(self._path, force=True)
-            for line in _lines(self._path):
-                self._remember(line)
-            self._file = self._path.open("ab")
-            if self._file.tell() and self._path.read_bytes()[-1:] != b"\n":
-                self._file.write(b"\n")  # the last run was cut off in the middle of a line
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+            lines = list(_lines(self._path))
+            self._shorten(lines)
+            with self._path.open("ab") as file:
+                if file.tell() and self._path.read_bytes()[-1:] != b"\n":
+                    file.write(b"\n")  # the last run was cut off in the middle of a line
+        for line in lines:
+            if line.version == version:
+                with contextlib.suppress(msgspec.DecodeError):
+                    record = msgspec.json.decode(line.record, type=LogRecord)
+                    self._remember(FoundLog(line.path, line.size_bytes, line.stamp), record)
 
     def record(self, log: FoundLog) -> LogRecord | None:
         """What is known of a log that has not changed since, by its name, size and times. None: examine it."""
-        line = self._lines.get(printable(log.path))
-        if line is None or (line.size_bytes, line.stamp) != (log.size_bytes, log.stamp):
-            return None
-        return self._records[line.path]
+        log = _printable(log)
+        known, record = self._known.get(log.path, (None, None))
+        return record if known == log else None
 
     def same_size(self, log: FoundLog) -> Mapping[str, LogRecord]:
         """What is known of contents of the size of this log, by their sha256."""
@@ -162,48 +157,43 @@ class Journal:
 
     def add(self, log: FoundLog, record: LogRecord) -> LogRecord:
         """Keep what a worker found, and return it: completed when it was a known content under another name."""
+        log = _printable(log)
         if record.sha256 and not record.flights and record.error is None:
-            record = self._renamed(self._same_size[log.size_bytes][record.sha256], printable(log.path))
+            record = self._renamed(self._same_size[log.size_bytes][record.sha256], log.path)
         raw = msgspec.Raw(msgspec.json.encode(record))
-        line = _Line(printable(log.path), log.size_bytes, log.stamp, self._version, raw)
-        with _failing(self._path):
-            self._file.write(msgspec.json.encode(line) + b"\n")
-            self._file.flush()
-        self._remember(line)
+        line = _Line(log.path, log.size_bytes, log.stamp, self._version, raw)
+        with _failing(self._path), self._path.open("ab") as file:
+            file.write(msgspec.json.encode(line) + b"\n")
+        self._remember(log, record)
         return record
 
-    def close(self) -> None:
-        """Close the file; written anew without what is superseded when that is more than half of it.
+    def _shorten(self, lines: Sequence[_Line]) -> None:
+        """Write the file anew without what is superseded when that is more than half of it.
 
         A record of another version is superseded when this one has its log: a run of a few logs with other options, or
         one that was interrupted, costs the others nothing.
         """
-        self._file.close()
-        lines = [*(line for line in self._others.values() if line.path not in self._lines), *self._lines.values()]
-        if self._read - len(lines) <= len(lines):
-            return
-        with _failing(self._path), replacing(self._path) as path:
-            path.write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
+        own = {line.path: line for line in lines if line.version == self._version}
+        others = {(line.path, line.version): line for line in lines if line.path not in own}
+        latest = [*others.values(), *own.values()]
+        if len(lines) > 2 * len(latest):
+            write(self._path, b"".join(msgspec.json.encode(line) + b"\n" for line in latest))
 
     def _renamed(self, record: LogRecord, path: str) -> LogRecord:
         """The record of a known content under another name: its error speaks of the file of its own row."""
         if record.error is None:
             return record
-        known = next((name for name, one in self._records.items() if one is record), path)
+        known = next((name for name, (_, one) in self._known.items() if one is record), path)
         return msgspec.structs.replace(record, error=record.error.replace(known, path))
 
-    def _remember(self, line: _Line) -> None:
-        self._read += 1
-        if line.version != self._version:
-            self._others[line.path, line.version] = line
-            return
-        try:
-            record = msgspec.json.decode(line.record, type=LogRecord)
-        except msgspec.DecodeError:
-            return
-        self._lines[line.path], self._records[line.path] = line, record
+    def _remember(self, log: FoundLog, record: LogRecord) -> None:
+        self._known[log.path] = log, record
         if record.sha256 and record.settled:
-            self._same_size.setdefault(line.size_bytes, {})[record.sha256] = record
+            self._same_size.setdefault(log.size_bytes, {})[record.sha256] = record
+
+
+def _printable(log: FoundLog) -> FoundLog:
+    return replace(log, path=printable(log.path))
 
 
 def printable(path: str) -> str:

@@ -305,26 +305,26 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
         memory_gb=run.memory_gb,
         timeout_s=run.timeout_s,
     )
-    with Journal(run.folder, version) as journal:
-        done = {log.path: record for log in logs if (record := journal.record(log)) and not _again(run, record)}
-        unchanged = len(done)
-        new = [log for log in logs if log.path not in done]
+    journal = Journal(run.folder, version)
+    done = {log.path: record for log in logs if (record := journal.record(log)) and not _again(run, record)}
+    unchanged = len(done)
+    new = [log for log in logs if log.path not in done]
 
-        def known(log: FoundLog) -> list[str]:
-            return [sha256 for sha256, record in journal.same_size(log).items() if not _again(run, record)]
+    def known(log: FoundLog) -> list[str]:
+        return [sha256 for sha256, record in journal.same_size(log).items() if not _again(run, record)]
 
-        try:
-            if new:
-                report = progress or (lambda *_: None)
-                report(0, len(new))
-                cluster = _remote_cluster(run.scheduler) if run.scheduler else _local_cluster(run.workers, len(new))
-                with contextlib.suppress(KeyboardInterrupt), cluster as client:
-                    for log, record in _examine_all(client, new, plan, known):
-                        done[log.path] = journal.add(log, record)
-                        report(len(done) - unchanged, len(new))
-        finally:
-            records = [(log, done[log.path]) for log in logs if log.path in done]
-            written = write_results(run.folder, records, _about(run, version))
+    try:
+        if new:
+            report = progress or (lambda *_: None)
+            report(0, len(new))
+            cluster = _remote_cluster(run.scheduler) if run.scheduler else _local_cluster(run.workers, len(new))
+            with contextlib.suppress(KeyboardInterrupt), cluster as client:
+                for log, record in _examine_all(client, new, plan, known):
+                    done[log.path] = journal.add(log, record)
+                    report(len(done) - unchanged, len(new))
+    finally:
+        records = [(log, done[log.path]) for log in logs if log.path in done]
+        written = write_results(run.folder, records, _about(run, version))
     return Fleet(rows_of(records), len(logs), len(done) - unchanged, unchanged, tuple(written))
 
 

@@ -105,7 +105,12 @@ def test_no_file_of_a_fleet_is_written_to_what_is_none(name: str, kind: str, tmp
     (folder / "victim").write_text("precious")
     KINDS[kind](folder / name)
     before = hypothesis_of(folder / name)
-    with pytest.raises(InputError, match="none of these is replaced"), Journal(folder, "version"):
+
+    def run() -> None:
+        Journal(folder, "version")
         write_results(folder, [], {})
+
+    with pytest.raises(InputError, match="none of these is replaced"):
+        run()
     assert hypothesis_of(folder / name) == before
     assert (folder / "victim").read_text() == "precious"

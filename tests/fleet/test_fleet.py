@@ -330,8 +330,8 @@ def test_a_flight_that_has_no_report_to_write_is_not_examined_again_for_it(tmp_p
     plan = Plan(version=version_of(settings, None, None), settings=packed, folder=str(out))
     record = decode(examine_log(str(tmp_path / "no imu.tlog"), plan))
     assert [(flight.error, flight.report_error) for flight in record.flights] == [(None, None)]
-    with Journal(out, plan.version) as journal:
-        journal.add(found := FoundLog(str(tmp_path / "no imu.tlog"), 1, "1-1"), record)
+    journal = Journal(out, plan.version)
+    journal.add(found := FoundLog(str(tmp_path / "no imu.tlog"), 1, "1-1"), record)
     assert run_fleet(FleetRun(out, settings, reports=True), [found]).examined == 0
 
 

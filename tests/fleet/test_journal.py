@@ -18,9 +18,9 @@ RECORD = LogRecord(sha256="aa", error="no vehicle found in it")
 
 
 def written(folder: Path, *logs: FoundLog) -> None:
-    with Journal(folder, "v1") as journal:
-        for log in logs:
-            journal.add(log, RECORD)
+    journal = Journal(folder, "v1")
+    for log in logs:
+        journal.add(log, RECORD)
 
 
 @pytest.mark.parametrize(
@@ -37,37 +37,37 @@ def test_a_log_is_known_by_name_size_times_and_version(
     log: FoundLog, version: str, known: bool, tmp_path: Path
 ) -> None:
     written(tmp_path, LOG)
-    with Journal(tmp_path, version) as journal:
-        assert journal.record(log) == (RECORD if known else None)
+    journal = Journal(tmp_path, version)
+    assert journal.record(log) == (RECORD if known else None)
 
 
 def test_known_content_under_another_name(tmp_path: Path) -> None:
     written(tmp_path, LOG)
     moved = FoundLog("/logs/moved.tlog", 100, "3-3")
-    with Journal(tmp_path, "v1") as journal:
-        assert list(journal.same_size(moved)) == ["aa"]
-        assert journal.add(moved, LogRecord(sha256="aa")) == RECORD
-    with Journal(tmp_path, "v1") as journal:
-        assert journal.record(moved) == RECORD
+    journal = Journal(tmp_path, "v1")
+    assert list(journal.same_size(moved)) == ["aa"]
+    assert journal.add(moved, LogRecord(sha256="aa")) == RECORD
+    journal = Journal(tmp_path, "v1")
+    assert journal.record(moved) == RECORD
 
 
 def test_an_error_speaks_of_the_file_of_its_own_row(tmp_path: Path) -> None:
-    with Journal(tmp_path, "v1") as journal:
-        journal.add(LOG, LogRecord(sha256="aa", error=f"{LOG.path} holds no MAVLink frame"))
+    journal = Journal(tmp_path, "v1")
+    journal.add(LOG, LogRecord(sha256="aa", error=f"{LOG.path} holds no MAVLink frame"))
     copy = FoundLog("/logs/copy.tlog", 100, "3-3")
-    with Journal(tmp_path, "v1") as journal:
-        assert list(journal.same_size(copy)) == ["aa"]
-        assert journal.add(copy, LogRecord(sha256="aa")).error == "/logs/copy.tlog holds no MAVLink frame"
+    journal = Journal(tmp_path, "v1")
+    assert list(journal.same_size(copy)) == ["aa"]
+    assert journal.add(copy, LogRecord(sha256="aa")).error == "/logs/copy.tlog holds no MAVLink frame"
 
 
 def test_a_run_of_one_log_with_other_options_costs_the_others_nothing(tmp_path: Path) -> None:
     logs = [FoundLog(f"/logs/{i}.tlog", 100, "1-1") for i in range(5)]
     written(tmp_path, *logs)
     for stamp in range(9):
-        with Journal(tmp_path, "v2") as journal:
-            journal.add(FoundLog("/logs/0.tlog", 100, f"{stamp}"), RECORD)
-    with Journal(tmp_path, "v1") as journal:
-        assert [journal.record(log) for log in logs[1:]] == [RECORD] * 4
+        journal = Journal(tmp_path, "v2")
+        journal.add(FoundLog("/logs/0.tlog", 100, f"{stamp}"), RECORD)
+    journal = Journal(tmp_path, "v1")
+    assert [journal.record(log) for log in logs[1:]] == [RECORD] * 4
 
 
 def test_a_line_that_a_crash_cut_off_costs_that_log_alone(tmp_path: Path) -> None:
@@ -76,17 +76,31 @@ def test_a_line_that_a_crash_cut_off_costs_that_log_alone(tmp_path: Path) -> Non
     path = tmp_path / NAME
     path.write_bytes(path.read_bytes()[:-20])
     third = FoundLog("/logs/c.tlog", 100, "1-1")
-    with Journal(tmp_path, "v1") as journal:
-        assert [journal.record(log) for log in (LOG, other)] == [RECORD, None]
-        journal.add(third, RECORD)
-    with Journal(tmp_path, "v1") as journal:
-        assert journal.record(third) == RECORD
+    journal = Journal(tmp_path, "v1")
+    assert [journal.record(log) for log in (LOG, other)] == [RECORD, None]
+    journal.add(third, RECORD)
+    journal = Journal(tmp_path, "v1")
+    assert journal.record(third) == RECORD
 
 
 def test_it_does_not_grow_without_end(tmp_path: Path) -> None:
     for i in range(20):
         written(tmp_path, FoundLog(LOG.path, LOG.size_bytes, f"{i}"))
     assert len((tmp_path / NAME).read_bytes().splitlines()) <= 3
+
+
+def test_two_runs_at_once_lose_nothing(tmp_path: Path) -> None:
+    """Where a third that opens shortens the file while they go on."""
+    one, two = Journal(tmp_path, "v1"), Journal(tmp_path, "v1")
+    others = [FoundLog(f"/logs/{i}.tlog", 100, "1-1") for i in range(4)]
+    for other in others:
+        for stamp in range(9):
+            one.add(FoundLog(LOG.path, LOG.size_bytes, f"{stamp}"), RECORD)
+        two.add(other, RECORD)
+        before = (tmp_path / NAME).stat().st_size
+        again = Journal(tmp_path, "v1")
+        assert (tmp_path / NAME).stat().st_size < before
+    assert [again.record(log) for log in others] == [RECORD] * 4
 
 
 def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
