@@ -123,10 +123,11 @@ def _does_not_read(cause: Cause, flight: Flight) -> bool:
     if cause.kind != "accel_bias" or cause.size is None or cause.size < STANDARD_GRAVITY:
         return False
     track = next((one for one in flight.imus.values() if cause.imu in (None, one.instance)), flight.imu())
-    after = track.t > cause.onset_s
-    if not after.any() or after.all():
+    before = track.t <= cause.onset_s
+    during = ~before & (track.t <= (np.inf if cause.end_s is None else cause.end_s))
+    if not before.any() or not during.any():
         return False
-    changed = float(np.linalg.norm(track.accel[after].mean(axis=0) - track.accel[~after].mean(axis=0)))
+    changed = float(np.linalg.norm(track.accel[during].mean(axis=0) - track.accel[before].mean(axis=0)))
     return changed < cause.size - STANDARD_GRAVITY
 
 

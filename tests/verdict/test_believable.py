@@ -12,9 +12,11 @@ FLIGHT = flown()
 MIDDLE = FLIGHT.start + 0.5 * FLIGHT.duration
 
 
-def accused(size: float) -> Verdict:
+def accused(size: float, end: float | None = None) -> Verdict:
     imu = FLIGHT.imu().instance
-    cause = Cause("accel_bias", "imu", MIDDLE, sensor="accel", axis="x", size=size, sigma=0.1, unit="m/s²", imu=imu)
+    cause = Cause(
+        "accel_bias", "imu", MIDDLE, end, sensor="accel", axis="x", size=size, sigma=0.1, unit="m/s²", imu=imu
+    )
     finding = Finding("accel_bias", "imu", "error", MIDDLE, MIDDLE + 9.0, "accelerometer x", "", cause=cause)
     return Verdict("imu_suspect", "Suspect the IMU: accelerometer x.", (finding,), cause)
 
@@ -32,3 +34,11 @@ def test_more_than_gravity_is_not_believed_of_an_imu_that_does_not_read_it() -> 
     imu = FLIGHT.imu()
     off = np.where(imu.t[:, None] > MIDDLE, [25.0, 0.0, 0.0], 0.0)
     assert believable(accused(25.0), with_imu(FLIGHT, accel=imu.accel + off)) == accused(25.0)
+
+
+def test_what_is_over_is_believed_of_an_imu_that_read_it_while_it_lasted() -> None:
+    imu, end = FLIGHT.imu(), MIDDLE + 3.0
+    off = np.where(((imu.t > MIDDLE) & (imu.t <= end))[:, None], [25.0, 0.0, 0.0], 0.0)
+    said = accused(25.0, end)
+    assert believable(said, with_imu(FLIGHT, accel=imu.accel + off)) == said
+    assert believable(said, FLIGHT).status == "insufficient_data"
