@@ -321,18 +321,21 @@ def _as_seen(
     cause = stated_cause(finding)
     last = end if cause.end_s is None else min(cause.end_s, end)
     before, now = reads(cause, flight, best, until=cause.onset_s), reads(cause, flight, best)
-    interval = None if cause.sensor not in AIDING else _interval(finding, best)
-    known = StandingFault(finding, 1.0, last, size=None if interval is None else interval.size)
+    interval = _interval(finding, best)
+    size = None if interval is None else interval.size
+    known = StandingFault(finding, 1.0, last, size=size if cause.sensor in AIDING else None)
     if before is not None and now is not None:
         if fault is not None and fault.cause.kind != cause.kind:  # measured in other units
             fault = None
         if fault is not None and fault.before is not None and np.trace(fault.before[1]) < np.trace(before[1]):
             before = fault.before  # more of the time before the onset was in an earlier piece
-        size = now[0] - before[0]
-        if cause.end_s is None or fault is None or fault.size is None:
-            return replace(known, before=before, size=size)
-        sure = _doubted(fault, _stays(fault.size, before, now, cause), end)
-        return replace(known, before=before, size=fault.size, probability=sure)
+        if cause.end_s is None:
+            return replace(known, before=before, size=now[0] - before[0])
+        if fault is not None and fault.size is not None:
+            sure = _doubted(fault, _stays(fault.size, before, now, cause), end)
+            return replace(known, before=before, size=fault.size, probability=sure)
+        if size is not None:  # seen when it was over, it is not what is read at the end
+            return replace(known, before=before, size=np.append(np.zeros(len(before[0]) - len(size)), size))
     if _reads_again(cause, flight):
         return replace(known, probability=0.0)
     over = last < end - check.NEAR_S and cause.kind not in _OUTAGES

@@ -266,6 +266,25 @@ def test_what_was_seen_to_end_does_not_stand_for_ever() -> None:
     assert standing_verdict(carried_on(standing, after(40.0), GOOD, None), GOOD) == GOOD
 
 
+@pytest.mark.parametrize(("left", "stands"), [(0.0, False), (0.02, True)], ids=["it is", "it is not"])
+def test_a_bias_that_is_over_when_it_is_first_seen_does_not_stand_for_ever(
+    left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of that piece the gyro reads right: that is not the size of its fault."""
+    best, size, onset = assess(cut(FLIGHT, 10.0, 30.0), GENERIC).best, np.array([0.0, 0.0, 0.02]), PIECE.start + 1.0
+    interval = FaultInterval("gyro_bias", "imu", onset, 0.1, onset + 3.0, size, 1e-3, ())
+    monkeypatch.setattr(standing_faults, "fault_intervals", lambda _: (interval,))
+    monkeypatch.setattr(standing_faults, "reads", lambda *_, **__: (np.zeros(3), 1e-8 * np.eye(3)))
+    seen = alarm("gyro_bias", "imu", onset, onset + 3.0, sensor="gyro", axis="z", size=0.02, sigma=1e-3)
+    standing = carried_on((), PIECE, seen, best)
+    assert standing_verdict(standing, seen).status == "imu_suspect", "which it is said of"
+    read = np.array([0.0, 0.0, left]), 1e-8 * np.eye(3)
+    monkeypatch.setattr(standing_faults, "reads", lambda *_, **__: read)
+    for later in (40.0, 43.0):
+        standing = carried_on(standing, after(later), GOOD, best)
+    assert (standing_verdict(standing, GOOD).status == "imu_suspect") == stands
+
+
 def test_a_gps_that_is_lost_is_an_alarm_until_it_is_received_again() -> None:
     whole = cut(FLIGHT, 10.0, 40.0)
     silent = replace(whole, gps=tuple(rows(one, one.t < 25.0) for one in whole.gps))
