@@ -97,7 +97,7 @@ def set_up(
     if (median_g := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > healthy.MAX_MEDIAN_G:
         why = f"its accelerometer reads {median_g:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
-    gps = _gps(flight, track)
+    gps = receiver_of(flight, track)
     lasts = float(track.t[-1] - track.t[0])
     spacing = float(np.clip(lasts / keyframes, *num.KEYFRAME_SPACING_S))
     spacing = max(spacing, lasts / num.MAX_KEYFRAMES, 1.5 / track.rate_hz)
@@ -140,8 +140,8 @@ def _shock_rate(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
     return out
 
 
-def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
-    """The receiver with the most fixes in the IMU's time."""
+def receiver_of(flight: Flight, track: ImuTrack) -> GpsTrack | None:
+    """The receiver with the most fixes in the IMU's time: that of the estimate. None where none has enough."""
 
     def fixes(one: GpsTrack) -> int:
         return int(((one.fix_type >= 3) & (one.t >= track.t[0]) & (one.t <= track.t[-1])).sum())

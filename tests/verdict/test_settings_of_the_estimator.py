@@ -11,7 +11,7 @@ import pytest
 
 from companion.comparison.reference import Limits
 from companion.estimation import BestEstimate, field_at, smooth
-from companion.model import Flight
+from companion.model import Flight, rows
 from companion.strapdown import Motion, quaternion
 from companion.verdict.finding import Finding
 from companion.verdict.findings.settings import setting_findings
@@ -105,7 +105,9 @@ def test_a_gps_that_is_later_than_is_set_is_named(latency: float, name: str, tol
     assert found(replace(late, on_board=False), {name: 0.0}, best) == [], "a link stamps when it sends"
 
 
-def test_an_antenna_that_sits_elsewhere_is_named() -> None:
+@cache
+def with_an_arm() -> tuple[Flight, BestEstimate]:
+    """The antenna sits 0.8 m before the IMU, and 0.3 m above it."""
     flight, truth = made()
     arm = np.array([0.8, 0.0, -0.3])
     swung = quaternion.rotate(truth.q_ned_frd, np.cross(truth.gyro, arm))
@@ -113,7 +115,11 @@ def test_an_antenna_that_sits_elsewhere_is_named() -> None:
         truth, position=truth.position + quaternion.rotate(truth.q_ned_frd, arm), velocity=truth.velocity + swung
     )
     away = replace(flight, gps=(gps_of(seen, np.random.default_rng(3), rate=5.0),))
-    best = smooth(away)
+    return away, smooth(away)
+
+
+def test_an_antenna_that_sits_elsewhere_is_named() -> None:
+    away, best = with_an_arm()
     (one,) = found(away, {"GPS1_POS_X": 0.0, "INS_POS1_X": 0.1}, best)
     assert one.kind == "antenna_position"
     x, y, _ = (float(v) for v in one.advice.split("(")[1].split(")")[0].split(","))
@@ -121,3 +127,27 @@ def test_an_antenna_that_sits_elsewhere_is_named() -> None:
     assert found(away, {"GPS1_POS_X": 0.8, "GPS1_POS_Z": -0.3}, best) == []
     fast = replace(best, states=replace(best.states, velocity=6.0 * best.states.velocity))
     assert found(away, {"GPS1_POS_X": 0.0, "INS_POS1_X": 0.1}, fast) == [], "positions 30 ms late would do as much"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"GPS1_POS_X": 0.0, "GPS2_POS_X": 0.8, "GPS2_POS_Z": -0.3}, []),
+        ({"GPS_POS1_X": 0.0, "GPS_POS2_X": 0.8, "GPS_POS2_Z": -0.3}, []),
+        ({"GPS1_POS_X": 0.8, "GPS1_POS_Z": -0.3, "GPS2_POS_X": 0.0}, ["Set GPS2_POS_X,"]),
+        ({"GPS1_DELAY_MS": 500.0, "GPS2_DELAY_MS": 0.0}, []),
+        ({"GPS_DELAY_MS": 0.0, "GPS_DELAY_MS2": 500.0}, ["Set GPS_DELAY_MS2 to"]),
+        ({"GPS1_POS_X": 0.0, "INS_POS1_X": 0.0, "INS_POS2_X": -0.8, "INS_POS2_Z": 0.3}, []),
+    ],
+)
+def test_what_is_set_is_that_of_the_receiver_and_the_imu_of_the_estimate(
+    parameters: Mapping[str, float], said: list[str]
+) -> None:
+    """As with two antennas that tell the heading: each has its own place."""
+    flight, best, of_imu = *with_an_arm(), any(name.startswith("INS") for name in parameters)
+    (gps,), imu = flight.gps, flight.imu()
+    second = replace(gps, instance=1, source="GPS[1]")
+    both = (gps,) if of_imu else (rows(gps, gps.t > gps.t[0]), second)
+    told = replace(flight, gps=both)
+    best = replace(best, imu=replace(imu, instance=1)) if of_imu else best
+    assert [f.advice[: len(words)] for f, words in zip(found(told, parameters, best), said, strict=True)] == said

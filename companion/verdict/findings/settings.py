@@ -29,7 +29,7 @@ from companion.comparison import (
     wrapped,
 )
 from companion.constants import check, harm, healthy, num
-from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, hypothesis_of
+from companion.estimation import ATTITUDE, CONSTANTS, BestEstimate, field_at, hypothesis_of, receiver_of
 from companion.model import ORIENTATIONS, Array, Flight, orientation_name, orientation_number, orientations
 from companion.strapdown import quaternion
 from companion.verdict.finding import Finding
@@ -158,7 +158,9 @@ def _heading_error(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[
 
 def _gps_delay(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     """A GPS that is later than is set, by the vehicle's own log: on a link a fix may be stamped when it is sent."""
-    setting = parameter(flight, "GPS1_DELAY_MS", "GPS_DELAY_MS", "EKF2_GPS_DELAY")
+    number = _receiver_number(flight, best)
+    earlier = f"GPS_DELAY_MS{'' if number == 1 else number}"
+    setting = parameter(flight, f"GPS{number}_DELAY_MS", earlier, "EKF2_GPS_DELAY")
     measured = _well_observed(best, "gps_latency")
     changes = any(one.kind == "gps_latency" for one in best.explained)
     if setting is None or measured is None or not flight.on_board or changes:
@@ -188,7 +190,9 @@ def _antenna(flight: Flight, best: BestEstimate) -> tuple[str, str, str] | None:
     The estimate has one latency of both; at the speed of a fixed wing some hundredths of a second are a lever arm.
     """
     measured = _well_observed(best, "lever_arm")
-    names = next((one for one in _ANTENNA if f"{one[0]}_X" in flight.parameters), None)
+    number, imu_place = _receiver_number(flight, best), f"INS_POS{best.imu.instance + 1}"
+    places = (f"GPS{number}_POS", imu_place), (f"GPS_POS{number}", imu_place), ("EKF2_GPS_POS", "EKF2_IMU_POS")
+    names = next((one for one in places if f"{one[0]}_X" in flight.parameters), None)
     if measured is None or names is None:
         return None
     antenna, imu = (np.array([flight.parameters.get(f"{n}_{axis}", 0.0) for axis in "XYZ"]) for n in names)
@@ -208,7 +212,10 @@ def _digits(value: Array) -> str:
     return ", ".join(f"{v:z.2f}" for v in value)
 
 
-_ANTENNA = (("GPS1_POS", "INS_POS1"), ("GPS_POS1", "INS_POS1"), ("EKF2_GPS_POS", "EKF2_IMU_POS"))
+def _receiver_number(flight: Flight, best: BestEstimate) -> int:
+    """The number, from 1 on, that ArduPilot's parameters give to the receiver of the best estimate."""
+    gps = receiver_of(flight, best.imu)
+    return 1 if gps is None else gps.instance + 1
 
 
 def _well_observed(best: BestEstimate, name: str) -> tuple[Array, Array] | None:
