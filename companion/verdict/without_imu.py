@@ -55,7 +55,10 @@ def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | N
         return None
     findings = by_severity([*(_confirmed(f, disagreeing) for f in own), *disagreeing])
     agreed = [words for one in apart if (words := _agreement(one))]
-    if flight.gps and all(not f.kind.startswith("gps") for f in findings):
+    told = [(one.fix_type >= check.FIX_3D) & np.isfinite(one.velocity[:, 0]) for one in flight.gps]
+    if any(fixes.sum() >= check.FIX_JUMPS_MIN for fixes in told) and all(
+        not f.kind.startswith("gps") for f in findings
+    ):
         agreed.append("the GPS moves as its own velocity says")
     beside = f" ({', '.join(agreed)})" if agreed else ""
     compared = bool(apart) or flight.position is not None

@@ -103,6 +103,15 @@ def test_a_gps_of_which_nothing_is_left_speaks_against_nobody() -> None:
     assert verdict(replace(flight, gps=(rows(gps, slice(0)),))).status == "insufficient_data"
 
 
+@pytest.mark.parametrize(("changes", "says"), [({}, True), ({"velocity": np.nan}, False), ({"fix_type": 1.0}, False)])
+def test_a_gps_moves_as_its_velocity_says_only_where_it_tells_one(changes: dict[str, float], *, says: bool) -> None:
+    flight = flown(CIRCLE)
+    (gps,) = flight.gps
+    columns: dict[str, Any] = {name: np.full_like(getattr(gps, name), value) for name, value in changes.items()}
+    said = verdict(replace(flight, gps=(replace(gps, **columns),)))
+    assert ("the GPS moves as its own velocity says" in said.summary) is says
+
+
 def test_where_nothing_is_left_there_is_no_verdict() -> None:
     bare = replace(flown(CIRCLE), imus={}, position=None, gps=(), compasses=(), barometers=())
     assert verdict_without_imu(bare, WHY, Limits()) is None
