@@ -40,7 +40,7 @@ SETTING_PERCENTILES = (10.0, 90.0)  # of a heading error, that may differ by twi
 SETTING_SWIFT = 90.0  # percentile of the speed
 FIX_3D = 3  # GPS_FIX_TYPE
 # EKF_STATUS_FLAGS and nav_filter_status (GPS glitching, dead reckoning), ESTIMATOR_STATUS_FLAGS (GPS glitch)
-GPS_REJECTED = {
+GPS_DOUBTED = {
     "EKF_STATUS_REPORT": 1 << 15, "XKF4": 1 << 14 | 1 << 18, "NKF4": 1 << 14, "ESTIMATOR_STATUS": 1 << 10,
     "estimator_status": 1 << 10,
 }  # fmt: skip

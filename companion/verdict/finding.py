@@ -21,7 +21,7 @@ KINDS: Mapping[str, str] = {
     "heading_jump": "the autopilot's heading jumps, as no gyro turned",
     "position_jump": "the autopilot's position jumps",
     "position_lost": "the autopilot has no valid position for a time in flight",
-    "dead_reckoned": "no GPS supports the autopilot's position for a time in flight: no fix, or it rejects it",
+    "dead_reckoned": "no GPS supports the autopilot's position for a time in flight: no fix, or it doubts it",
     "gyro_bias_known": "a steady bias of the gyro that the estimator knows and removes",
     "accel_bias_known": "a steady bias of the accelerometer that the estimator knows and removes",
     "stuck_axis": "an axis or a whole sensor of the IMU reads the same again and again",

@@ -100,13 +100,16 @@ def test_a_receiver_that_says_that_it_is_disturbed(state: int, indicator: int, s
     ("source", "bit"), [("EKF_STATUS_REPORT", 15), ("ESTIMATOR_STATUS", 10), ("estimator_status", 10), ("XKF4[0]", 14)]
 )
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0])
-def test_an_estimator_that_rejects_its_gps_dead_reckons(source: str, bit: int, rate_hz: float) -> None:
+def test_an_estimator_that_doubts_its_gps_may_dead_reckon(source: str, bit: int, rate_hz: float) -> None:
     t = np.arange(BEGIN, END, 1.0 / rate_hz)
     for end, said in ((34.0, []), (42.0, ["dead_reckoned"])):
         flags = np.where((t >= 30.0) & (t <= end), 0b11111 | 1 << bit, 0b11111).astype(float)
         told = replace(flown(CIRCLE), series={"estimator": Series(t, flags[:, None], ("flags",), source)})
         assert [kind for kind, *_ in lines(told)] == said
     assert lines(told)[0][1:] == pytest.approx((30.0, 42.0), abs=0.2)
+    (finding,) = outages(told)
+    assert "the estimator doubts its GPS for 1" in finding.evidence
+    assert finding.evidence.endswith("it may dead-reckon"), "EKF3 may be using it all the while"
 
 
 @pytest.mark.parametrize("flew", [0, 1])

@@ -162,9 +162,9 @@ def outage_findings(flight: Flight, received: Array, gaps: BoolArray) -> Iterato
     reckons = "the autopilot's position is dead-reckoned, or of other sensors"
     for span in without_fix:
         yield _dead_reckoned(span, "no GPS fix", reckons, received)
-    for span in _rejected(flight):
+    for span in _doubted(flight):
         if not any(_overlap(span, other) for other in (*lost, *without_fix)):
-            yield _dead_reckoned(span, "by its own flags the estimator rejects its GPS", "it dead-reckons", received)
+            yield _dead_reckoned(span, "by its own flags the estimator doubts its GPS", "it may dead-reckon", received)
 
 
 def _while_it_lasts(finding: Finding, what: str, received: Array) -> Finding:
@@ -193,14 +193,18 @@ def _dead_reckoned(span: Span, why: str, then: str, received: Array) -> Finding:
     return _while_it_lasts(Finding("dead_reckoned", "data", "warning", begin, end, words, advice), why, received)
 
 
-def _rejected(flight: Flight) -> Iterator[Span]:
-    """Where in flight the estimator that flew says without a break, for more than 5 s, that it rejects its GPS."""
+def _doubted(flight: Flight) -> Iterator[Span]:
+    """Where in flight the estimator that flew says without a break, for more than 5 s, that its GPS is bad.
+
+    PX4 as long as it rejects it. EKF3 also where the receiver's own accuracy of speed was above 1.5 m/s, and for 10 s
+    after a second in which it rejected it (AP_NavEKF3_VehicleStatus.cpp, calcGpsGoodForFlight): it may be using it.
+    """
     every, flew = list(of_kind(flight.series, "estimator")), flight.lane_in_use
     for one in every[:1] if flew is None else every:
-        bits = check.GPS_REJECTED.get(re.sub(r"[_[]\d+]?$", "", one.source), 0)  # of whichever instance
+        bits = check.GPS_DOUBTED.get(re.sub(r"[_[]\d+]?$", "", one.source), 0)  # of whichever instance
         if bits and "flags" in one.columns:
-            rejecting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
-            yield from _long(flight, one.t, rejecting if flew is None else rejecting & (flew.at(one.t) == one.instance))
+            doubting = (np.nan_to_num(one["flags"]).astype(np.int64) & bits) != 0
+            yield from _long(flight, one.t, doubting if flew is None else doubting & (flew.at(one.t) == one.instance))
 
 
 def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
