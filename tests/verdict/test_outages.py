@@ -156,6 +156,19 @@ def test_a_receiver_that_calls_its_fix_poor(changes: dict[str, float], said: lis
     assert all(words in found[0].evidence for words in said)
 
 
+def test_a_fix_that_comes_and_goes_is_called_none_at_worst() -> None:
+    """Also where the receiver tells neither satellites nor accuracies."""
+    flight = flown(CIRCLE)
+    (gps,) = flight.gps
+    lost = (gps.t > 30.0) & (gps.t < 40.0) & (np.arange(len(gps)) % 2 > 0)
+    unknown: dict[str, Any] = dict.fromkeys(
+        ("satellites", "horizontal_sigma", "vertical_sigma", "speed_sigma"), np.full(len(gps), np.nan)
+    )
+    comes_and_goes = replace(gps, fix_type=np.where(lost, 1.0, gps.fix_type), **unknown)
+    (said,) = poor_gps_findings(replace(flight, gps=(comes_and_goes,)))
+    assert said.evidence.endswith("at worst no 3D fix")
+
+
 def test_a_receiver_that_never_has_a_fix_is_said() -> None:
     t = np.arange(BEGIN, END, 0.2)
     none = Series(

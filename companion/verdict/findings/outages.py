@@ -222,9 +222,11 @@ def poor_gps_findings(flight: Flight) -> Iterator[Finding]:
             poor |= getattr(one, name) > most
         for begin, end in _long(flight, one.t, poor):
             during = within(one.t, (begin, end))
-            if (one.fix_type[during] < check.FIX_3D).all():
+            without = one.fix_type[during] < check.FIX_3D
+            if without.all():
                 continue
-            words = [f"{least:.0f} satellites" for least in [np.min(one.satellites[during])] if np.isfinite(least)]
+            words = ["no 3D fix"] if without.any() else []
+            words += [f"{least:.0f} satellites" for least in [np.min(one.satellites[during])] if np.isfinite(least)]
             for name, (what, unit) in _SIGMAS.items():
                 most = float(np.nan_to_num(getattr(one, name)[during]).max())
                 words += [f"{what} ±{most:.1f} {unit}"] if most > 0.0 else []
