@@ -11,7 +11,7 @@ import pytest
 import companion as c
 from companion.comparison import GENERIC
 from companion.comparison.windows import compare
-from companion.model import Flight, SensorInUse, Series
+from companion.model import Flight, Phase, SensorInUse, Series
 from companion.verdict import Finding, assess
 from companion.verdict.findings.outages import interference_findings, outage_findings, poor_gps_findings
 from tests.flights import CIRCLE, flown
@@ -53,6 +53,17 @@ def test_a_position_that_is_lost_is_told_once_with_the_fixes_that_it_lacked() ->
     assert said.kind == "position_lost"
     assert (said.start_s, said.end_s) == pytest.approx((30.0, 37.0), abs=0.2)
     assert "no GPS fix from 24." in said.evidence
+
+
+def test_a_position_that_is_lost_before_a_flight_begins_has_moved_since_it_was_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, flies = without(flown(CIRCLE), position=(30.0, 42.0)), Phase(33.0, END, "flight", "after an impact")
+    moved = [f.evidence.partition("in which")[2] for f in outages(whole)]
+    monkeypatch.setattr("companion.verdict.findings.outages.in_the_air", lambda _: [flies])
+    (said,) = outages(whole)
+    assert "no position for 9" in said.evidence
+    assert [said.evidence.partition("in which")[2]] == moved
 
 
 def test_a_position_that_is_lost_to_the_end_is_told_too() -> None:

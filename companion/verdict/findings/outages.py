@@ -278,7 +278,7 @@ def _lost(position: PositionTrack, span: Span, without_fix: Span | None) -> Find
     begin, end = span
     words, then = f"no position for {end - begin:.1f} s", "to the end"
     if end < position.t[-1]:
-        i, j = np.searchsorted(position.t, [begin, end])
+        i, j = np.searchsorted(position.t, begin, side="right") - 1, np.searchsorted(position.t, end)
         then = f"in which it moved by {length(position.position[j] - position.position[i]):.1f} m"
     words = f"{words}, {then}"
     if without_fix is not None:
