@@ -119,11 +119,16 @@ def injected(
         grown = lasts or 1.0
         size = grown * float(least_found(np.array([information]), hypothesis, shape, hours, cell, grown)[0])
         size = known.get(hypothesis.name, max(size, hypothesis.harmful(shape)))
-        if size > min(hypothesis.max_plausible, num.INJECTED_SIGMAS * hypothesis.prior):
+        if size > _largest(hypothesis):
             not_shown.append(hypothesis.name)
         else:
             faults.append(Fault(hypothesis, shape, lasts, onset, end, direction / grown, size))
     return tuple(faults), tuple(not_shown)
+
+
+def _largest(hypothesis: Hypothesis) -> float:
+    """The largest fault of a kind that there is, in its unit."""
+    return float(min(hypothesis.max_plausible, num.INJECTED_SIGMAS * hypothesis.prior))
 
 
 def _least_known(hypothesis: Hypothesis, v: Array) -> tuple[Array, float]:
@@ -176,14 +181,18 @@ def confusion_matrix(
 
 
 def _identifiable(experiment: Experiment, fault: int, near: Judgement) -> float | None:
-    """The size from which on a fault is told from its rivals; near: what it is called where it is detectable."""
+    """The size from which on a fault is told from its rivals, None where there is none so large.
+
+    near: what it is called where it is detectable.
+    """
     least = experiment.faults[fault].size
+    times = min(num.IDENTIFIABLE_MOST, _largest(experiment.faults[fault].hypothesis) / least)
     if near.accused >= num.IDENTIFIABLE_SHARE[0]:
         return least
     cells = [one.at(some) for one, some in zip(experiment.cells, near.counts, strict=True) if some.any()]
-    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).accused < num.IDENTIFIABLE_SHARE[0]:
+    if experiment.judged(fault, times * least, cells).accused < num.IDENTIFIABLE_SHARE[0]:
         return None
-    low, high = 0.0, float(np.log(num.IDENTIFIABLE_MOST))
+    low, high = 0.0, float(np.log(times))
     for _ in range(num.IDENTIFIABLE_HALVINGS):
         middle = 0.5 * (low + high)
         accused = experiment.judged(fault, least * np.exp(middle), cells).accused

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from companion.constants.priors import ACCUSED
-from companion.estimation import HYPOTHESES, hypothesis_of
+from companion.estimation import HYPOTHESES, hypothesis_of, identifiability
 from companion.estimation.candidate import Candidate
 from companion.estimation.evidence import probabilities
 from companion.estimation.identifiability import Experiment, Fault, confusion_matrix, injected, noise, solved
@@ -109,6 +111,20 @@ def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(li
         assert row.identifiable >= row.detectable >= hypothesis_of(row.kind).harmful(row.shape)
         told = fresh.judged(i, row.identifiable).accused
         assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
+
+
+@pytest.mark.parametrize(("told_from", "found"), [(0.55, True), (1.0, False)])
+def test_no_fault_is_identifiable_that_no_sensor_has(told_from: float, found: bool) -> None:
+    """A gyro's scale of 100 %, where one of 60 % is the largest that there is."""
+    nothing = np.zeros(0)
+    fault: Any = Fault(hypothesis_of("gyro_scale"), "step", 0.0, nothing, nothing, np.eye(3)[0], 0.5)
+    experiment: Any = SimpleNamespace(
+        faults=(fault,), cells=(), judged=lambda _, size, __: SimpleNamespace(accused=float(size >= told_from))
+    )
+    near: Any = SimpleNamespace(accused=0.5, counts=())
+    least = identifiability._identifiable(experiment, 0, near)
+    assert (least is not None) is found
+    assert least is None or least == pytest.approx(told_from, rel=0.02)
 
 
 def test_the_same_flight_has_the_same_matrix(linear: Problem) -> None:
