@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from companion.model import Flight, words
 from companion.present.formats import capitalised, clause, fixed, shown_unit, significant, vehicle_words, with_unit
@@ -99,6 +99,12 @@ class FindingGroup:
         timed = one.cause is not None and one.headline != "" and one.cause.onset_sigma_s is not None
         return "" if timed or len(self.findings) > 1 else span(one)
 
+    @property
+    def whole(self) -> str:
+        """From the start of the first to the end of the last."""
+        first, last_end_s = self.findings[0], max(f.end_s for f in self.findings)
+        return span(replace(first, end_s=last_end_s))
+
     def __str__(self) -> str:
         """The evidence of a single one; else count, largest size, first and worst time."""
         first, worst = self.findings[0], self.worst
@@ -106,10 +112,8 @@ class FindingGroup:
             return first.evidence
         unit, factor = shown_unit(worst.cause.unit if worst.cause else "")
         size = f" of up to {with_unit(significant(_size(worst) * factor), unit)}" if _size(worst) else ""
-        return (
-            f"{len(self.findings)} × {words(first.kind)}{size}, first at {first.start_s:.1f} s, "
-            f"worst at {worst.start_s:.1f} s"
-        )
+        when = "first and worst" if worst is first else f"first at {first.start_s:.1f} s, worst"
+        return f"{len(self.findings)} × {words(first.kind)}{size}, {when} at {worst.start_s:.1f} s"
 
 
 def grouped(findings: Sequence[Finding]) -> tuple[FindingGroup, ...]:

@@ -53,7 +53,8 @@ def test_a_group_tells_how_many_the_first_and_the_largest(findings: list[Finding
         if len(group.findings) > 1:
             first = min(one.start_s for one in group.findings)
             assert str(group).startswith(f"{len(group.findings)} × ")
-            assert f"first at {first:.1f} s, worst at {group.worst.start_s:.1f} s" in str(group)
+            assert str(group).endswith(f" at {group.worst.start_s:.1f} s")
+            assert (f"first at {first:.1f} s, worst at" in str(group)) is (group.worst is not group.findings[0])
         else:
             assert str(group) == group.findings[0].evidence
 
@@ -68,6 +69,12 @@ def test_steps_of_the_heading_in_degrees() -> None:
     steps = [finding("heading_jump", "info", 10.0 * i, 0.01 * i) for i in range(1, 34)]
     (group,) = grouped(steps)
     assert str(group) == "33 × heading jump of up to 18.9°, first at 10.0 s, worst at 330.0 s"
+
+
+def test_a_group_whose_first_is_the_worst_says_the_time_once_and_lasts_to_the_last_one() -> None:
+    (group,) = grouped([finding("heading_jump", "info", 2.5, 0.3), finding("heading_jump", "info", 68.7, 0.1)])
+    assert str(group) == "2 × heading jump of up to 17.2°, first and worst at 2.5 s"
+    assert group.whole == "2.5-69.2 s"
 
 
 def test_a_sentence_of_several_flights_is_said_once() -> None:
