@@ -52,11 +52,26 @@ def findings(subject: Subject) -> str:
     if len(ordered) > len(groups):
         every = table(
             ["finding", "side", "severity", "evidence", "from, s", "to, s"],
-            [[words(f.kind), f.side, f.severity, f.evidence, f"{f.start_s:.1f}", f"{f.end_s:.1f}"] for f in ordered],
+            [
+                [
+                    words(f.kind),
+                    words(f.side),
+                    severity_of(f.severity),
+                    f.evidence,
+                    f"{f.start_s:.1f}",
+                    f"{f.end_s:.1f}",
+                ]
+                for f in ordered
+            ],
             words=4,
         )
         parts.append(details(f"All {len(ordered)} findings", every))
     return "".join(parts)
+
+
+def _words_of(finding: Finding) -> tuple[str, str, str]:
+    """Kind, severity and side."""
+    return words(finding.kind), severity_of(finding.severity), words(finding.side)
 
 
 def bare_findings(verdict: Verdict) -> str:
@@ -67,13 +82,13 @@ def bare_findings(verdict: Verdict) -> str:
 
 def _article(group: FindingGroup, chart: str) -> str:
     finding = group.worst
-    when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     is_note = finding.severity == "info"
     advice = "" if is_note else paragraph(f"What to do: {finding.advice}", "advice")
     drawn = details("Chart", chart) if chart and is_note else chart
+    kind, *about = map(text, _words_of(finding))
     return (
-        f'<article class="finding {text(finding.severity)}"><h3>{text(capitalised(words(finding.kind)))} '
-        f'<span class="quiet">{text(severity_of(finding.severity))}, {text(finding.side)}, {when}</span></h3>'
+        f'<article class="finding {text(finding.severity)}"><h3>{capitalised(kind)} '
+        f'<span class="quiet">{", ".join(about)}, {group.whole}</span></h3>'
         f"{paragraph(str(group))}{advice}{drawn}</article>"
     )
 
