@@ -179,7 +179,7 @@ def errors(subject: Subject) -> str:
         if expected is not None
         else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
     )
-    caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
+    caption += "Shaded: warnings and faults that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
     return note + subject.charts.add(figure, caption)
 
@@ -187,7 +187,8 @@ def errors(subject: Subject) -> str:
 def _anew(shown: Replay, period: float) -> str:
     """Where the page opens there is an anchor of its own."""
     early = np.flatnonzero(np.diff(shown.anchors) < 0.99 * period)
-    return "".join(f", counted anew from {t:.1f} s" for t in shown.anchors[early + 1])
+    times = ", ".join(f"{t:.1f}" for t in shown.anchors[early + 1])
+    return f", counted anew from {times} s" if times else ""
 
 
 def error_panels(shown: Replay, expected: Expectation | None, colour: palette.Rgb) -> list[traces.Panel]:
