@@ -256,7 +256,8 @@ def _chart(subject: Subject, lanes: Lanes) -> str:
         return ""
     spans = [(span.start_s, span.end_s) for span in lanes.spans[1:]]
     figure = traces.stack(panels, traces.TIME, spans=spans)
-    return subject.charts.add(figure, "How far each lane is from the best estimate. Shaded: faults.")
+    shaded = " Shaded: faults." if spans else ""
+    return subject.charts.add(figure, f"How far each lane is from the best estimate.{shaded}")
 
 
 def preflight_section(subject: Subject) -> list[Section]:
