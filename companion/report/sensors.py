@@ -253,8 +253,12 @@ def _reported(subject: Subject) -> str:
     if len(names) == 3:
         caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."
     if clips:
-        caption += f" An accelerometer was at its limit {sum(clips):.0f} times."
+        caption += f" An accelerometer was at its limit {_often(sum(clips))}."
     return _over_time(subject, "vibration, m/s²", lines, caption)
+
+
+def _often(times: float) -> str:
+    return "never" if times == 0 else "once" if times == 1 else f"{times:.0f} times"
 
 
 def _measured(subject: Subject) -> str:
