@@ -34,7 +34,7 @@ from companion.report.subject import Subject
 from companion.strapdown import quaternion
 from companion.verdict import Finding, Lanes, Verdict, by_severity
 
-_RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
+_RAW = ("frozen", "stuck", "clipping", "axes", "noise", "vibration")  # in a kind: what shows in the readings themselves
 _OF_IMU = ("gyro", "accel", "imu_lag")  # in a kind: what shows in what the IMU read, not in when
 _SENSED = ("gps", "compass", "barometer", "heading", "tilt", "position", "velocity", "height", "declination")
 """In a kind: what shows where both have gone."""
