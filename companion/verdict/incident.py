@@ -239,8 +239,12 @@ def _shares(assessment: Assessment, until: float) -> tuple[dict[str, float], dic
     """Side → its probability and the errors of it that began before a time, s; together 1 with "nobody".
 
     Faults that a plain check of the readings shows, as of a stuck axis, are not among the hypotheses that the verdict
-    weighs: they count as an accusation.
+    weighs: they count as an accusation. What the estimator does while an aiding sensor is the verdict's cause is that
+    sensor's doing.
     """
+    led = assessment.verdict.cause
+    if led is not None and led.sensor not in AIDING:
+        led = None
     shares = dict(assessment.verdict.probability) or {"nobody": 1.0}
     reported: dict[str, list[str]] = {}
     for f in assessment.verdict.findings:
@@ -248,6 +252,8 @@ def _shares(assessment: Assessment, until: float) -> tuple[dict[str, float], dic
             continue
         cause = f.cause
         side = f.side if cause is None or cause.sensor not in AIDING else cause.sensor
+        if led is not None and side == "autopilot" and led.onset_s <= f.start_s <= (led.end_s or math.inf):
+            continue
         reported.setdefault(side, []).append(f.evidence)
         sure = cause.side_probability if cause is not None and cause.side_probability is not None else priors.ACCUSED
         if sure > shares.get(side, 0.0):

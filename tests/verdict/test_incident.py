@@ -21,7 +21,7 @@ from companion.model import (
 )
 from companion.present import incident_markdown
 from companion.strapdown import motions, quaternion
-from companion.verdict import Finding, Incident, Verdict, assess, incident
+from companion.verdict import Cause, Finding, Incident, Verdict, assess, incident
 from tests.flights import flight_of, flown, seconds, with_imu
 from tests.verdict.test_loss_of_control import BEGIN, fallen
 
@@ -129,6 +129,21 @@ def test_of_a_failsafe_in_a_flight_that_cannot_be_judged_no_cause_is_told() -> N
     found = assess(flight, GENERIC)
     assert not found.verdict.probability
     assert incident(flight, found).causes == ()
+
+
+def test_the_estimator_is_not_blamed_for_what_a_frozen_compass_led_to() -> None:
+    flight = flown()
+    cause = Cause("compass_frozen", "autopilot", 10.0, 50.0, sensor="compass")
+    frozen = Finding("compass_frozen", "autopilot", "error", 10.0, 50.0, "one field", "", cause=cause)
+    jump = Finding("heading_jump", "autopilot", "error", 30.0, 30.0, "the heading steps", "")
+
+    def names(second: Finding) -> list[str]:
+        verdict = Verdict("autopilot_suspect", "", (frozen, second), cause, {"nobody": 1.0})
+        causes = incident(flight, replace(assess(flight, GENERIC), verdict=verdict)).causes
+        return [one.name for one in causes]
+
+    assert names(jump) == ["compass", "nobody"]
+    assert "autopilot" in names(replace(jump, start_s=51.0, end_s=51.0))
 
 
 def test_the_timeline_is_about_the_moment() -> None:
