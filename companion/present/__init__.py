@@ -38,6 +38,7 @@ from companion.present.formats import (
     length,
     method_words,
     percent,
+    plus_minus,
     severity_of,
     severity_word,
     short,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from companion.model import words
-from companion.present.formats import capitalised, fixed, shown_unit, with_unit
+from companion.present.formats import capitalised, fixed, plus_minus, shown_unit, with_unit
 from companion.present.tables import Table, text_table
 from companion.verdict import FLOWN, Ageing, Check, LaneInSpan, Lanes, LaneSpan, LaneSwitch, Preflight
 from companion.verdict import percent as probability
@@ -109,7 +109,7 @@ def lane_table(span: LaneSpan) -> Table:
         flown = "yes" if one.lane in (*span.flown, FLOWN) else ""
         cells = [one.lane, flown, "-" if one.nearest is None else probability(one.nearest)]
         cells += [
-            _plus_minus(e.p95, e.sigma, factor) if (e := errors.get(name)) is not None else "-"
+            plus_minus(e.p95 * factor, e.sigma * factor) if (e := errors.get(name)) is not None else "-"
             for name, (_, factor) in quantities.items()
         ]
         rows.append((*cells, "off" if one.off else ""))
@@ -126,11 +126,7 @@ def _size(value: float, sigma: float, quantity: str) -> str:
     unit, factor = shown_unit({"tilt": "rad", "heading": "rad", "velocity": "m/s"}.get(quantity, "m"))
     if not math.isfinite(value):
         return "unknown"
-    return with_unit(_plus_minus(value, sigma, factor), unit)
-
-
-def _plus_minus(value: float, sigma: float, factor: float) -> str:
-    return f"{fixed(value * factor)} ± {fixed(sigma * factor)}"
+    return with_unit(plus_minus(value * factor, sigma * factor), unit)
 
 
 OUTCOMES = {"no_go": "NO-GO", "unknown": "cannot tell", "go": "go"}
@@ -173,7 +169,7 @@ def _size_and_limit(one: Check) -> tuple[str, str]:
         return one.note, ""
     unit, factor = _unit(one.unit)
     beyond = "" if one.outcome == "go" else f" (beyond: {probability(one.probability)})"
-    return with_unit(_plus_minus(one.size, one.sigma, factor), unit), with_unit(
+    return with_unit(plus_minus(one.size * factor, one.sigma * factor), unit), with_unit(
         fixed(one.limit * factor), unit
     ) + beyond
 
@@ -189,7 +185,7 @@ def _before(one: Check, aged: Ageing | None) -> str:
     if aged is None or one.name in _COUNTED:
         return ""
     _, factor = _unit(one.unit)
-    shown = f"{_plus_minus(aged.before, aged.spread, factor)} ({aged.times})"
+    shown = f"{plus_minus(aged.before * factor, aged.spread * factor)} ({aged.times})"
     if one.uncorrected is not None:
         shown = f"{shown}, now {fixed(one.uncorrected * factor)} uncorrected"
     return f"{shown}: changed" if aged.changed else shown

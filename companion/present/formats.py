@@ -37,6 +37,13 @@ def significant(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 99.95 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
+def plus_minus(value: float, sigma: float) -> str:
+    """A number and its standard error to the same decimals, the error to a digit, two if that is 1: 8.14 ± 0.02."""
+    decimals = -math.floor(math.log10(0.5 * sigma)) if 0 < sigma < math.inf else _decimals(abs(value))
+    decimals = min(max(decimals, 0), 3)
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}"
+
+
 def capitalised(sentence: str) -> str:
     """With a capital first letter."""
     return sentence[:1].upper() + sentence[1:]
@@ -128,5 +135,5 @@ def interval(coefficient: Coefficient | None, factor: float) -> str:
 
 def density(white: WhiteNoise, axis: int, factor: float) -> str:
     """4.2 ± 0.1 in flight; or < 4.2 below quantisation."""
-    value = fixed(float(white.sampled[axis]) * factor)
-    return f"< {value}" if white.hidden[axis] else f"{value} ± {fixed(float(white.sigma[axis]) * factor)}"
+    value = float(white.sampled[axis]) * factor
+    return f"< {fixed(value)}" if white.hidden[axis] else plus_minus(value, float(white.sigma[axis]) * factor)

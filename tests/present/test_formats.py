@@ -7,7 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.present import clause, fixed, length, percent, short, significant
+from companion.present import clause, fixed, length, percent, plus_minus, short, significant
 
 SIZES = st.floats(5e-4, 99_999.0)
 
@@ -27,6 +27,12 @@ def test_what_is_significant_is_within_half_a_digit(value: float) -> None:
 
 def test_what_is_not_there_is_a_dash() -> None:
     assert [short(None), short(math.nan), short(math.inf), percent(None)] == ["–"] * 4
+
+
+def test_a_number_has_no_finer_decimals_than_its_error() -> None:
+    pairs = ((8.1409, 0.0224), (13.7, 0.39), (0.042, 1.22), (137.2, 15.4), (0.0, 0.0), (3.0, math.inf))
+    shown = ["8.14 ± 0.02", "13.7 ± 0.4", "0.0 ± 1.2", "137 ± 15", "0.000 ± 0.000", "3.00 ± inf"]
+    assert [plus_minus(*pair) for pair in pairs] == shown
 
 
 def test_a_length_is_told_as_people_say_it() -> None:
