@@ -40,7 +40,7 @@ def test_what_a_low_rate_leaves_open_is_stated_once(capsys: Captured) -> None:
     assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "would not have shown" in out
-    assert "2 Hz is too low to integrate" in out
+    assert "2.0 Hz is too low to integrate" in out
     assert out.count("Record the IMU at 50-200 Hz") == 1
 
 

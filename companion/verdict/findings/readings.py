@@ -191,8 +191,8 @@ def rate_warning(flight: Flight, rate_hz: float) -> str | None:
         return None
     lost = "low: fast motion between samples is lost, which adds to the drift"
     if rate_hz < harm.USELESS_RATE_HZ:
-        lost = "too low to integrate: motion between samples is lost and causes most of the drift"
-    return f"{rate_hz:.0f} Hz is {lost}. {flight.how_to_record}."
+        lost = "too low to integrate: motion between samples is lost"
+    return f"{rate_hz:.{int(rate_hz < 10)}f} Hz is {lost}. {flight.how_to_record}."
 
 
 def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
