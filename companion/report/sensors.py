@@ -164,7 +164,9 @@ def noise(subject: Subject) -> str:
 
 def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
     panels = [
-        traces.Panel(f"{key}, {unit}", _curves(curve, getattr(measured.imu_spec, key).noise_density), {"type": "log"})
+        traces.Panel(
+            f"{key}, {unit}", _curves(curve, getattr(measured.imu_spec, key).noise_density), traces.LOGARITHMIC
+        )
         for key, unit in (("gyro", "rad/s"), ("accel", "m/s²"))
         if ((curve := getattr(rest, key)).deviation > 0).any()
     ]

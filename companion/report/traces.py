@@ -22,6 +22,8 @@ Trace = dict[str, Any]
 
 TIME = "seconds since boot"
 """The axis of time."""
+LOGARITHMIC: Mapping[str, Any] = {"type": "log", "exponentformat": "none"}
+"""An axis of densities: 0.0001 rad/s/√Hz, and not plotly's 100μ."""
 _MOST_POINTS = 1200
 """Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
 _FINE_S = 1e4
@@ -95,7 +97,7 @@ def markers(x: Sequence[object] | Array, y: Sequence[object] | Array, name: str,
 def densities(lines: Callable[[str], Sequence[Trace]]) -> Figure:
     """Spectra of both sensors over logarithmic axes; lines: of "gyro" or "accel"."""
     units = {"gyro": "rad/s/√Hz", "accel": "m/s²/√Hz"}
-    panels = [Panel(f"{sensor}, {unit}", lines(sensor), {"type": "log"}) for sensor, unit in units.items()]
+    panels = [Panel(f"{sensor}, {unit}", lines(sensor), LOGARITHMIC) for sensor, unit in units.items()]
     return stack(panels, "frequency, Hz", type="log")
 
 
