@@ -240,8 +240,8 @@ def incident_markdown(incident: Incident, flight: Flight, verdict: str, name: st
     blocks = [
         f"## {_escaped(heading(incident))}",
         f"{_escaped(vehicle_words(flight.vehicle))}, log {_code(name)}; from {before:.0f} s before to {after:.0f} s "
-        "after the moment. Times are relative to it.",
-        *([f"**Sensors and estimator until then:** {_escaped(_clean(verdict))}"] if verdict else []),
+        "after the moment. Times with a sign are relative to it, the others are seconds since boot.",
+        *([f"**Verdict of the whole flight:** {_escaped(_clean(verdict))}"] if verdict else []),
         "### Probable causes",
         _table(("cause", "probability", "what speaks for it"), cause_lines(incident)),
         "### What sensors and controls did",

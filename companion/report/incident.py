@@ -35,7 +35,7 @@ def incident_html(incident: Incident, flight: Flight, best: BestEstimate | None,
         Section("timeline", "Timeline", table(("time", "", "text"), timeline(incident), words=3)),
     ]  # fmt: skip
     head = f"<header><h1>{text(heading(incident))}</h1>" + paragraph(f"{vehicle_words(flight.vehicle)}, log {name}")
-    head += (paragraph(f"Sensors and estimator until then: {verdict}") if verdict else "") + "</header>"
+    head += (paragraph(f"Verdict of the whole flight: {verdict}") if verdict else "") + "</header>"
     return sheet(f"{name}: {heading(incident)}", head, sections, charts, {})
 
 
