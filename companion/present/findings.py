@@ -62,7 +62,7 @@ def wrong(cause: Cause) -> str:
         return " ".join(filter(None, (_SENSORS[cause.sensor], cause.axis, whose, "wrong")))
     what = words(cause.kind)
     if cause.sensor:
-        return f"{capitalised(what)} wrong"
+        return capitalised(what) if what.endswith(" frozen") else f"{capitalised(what)} wrong"
     return f"{'IMU' if cause.side == 'imu' else 'Autopilot'} wrong: {what}"
 
 

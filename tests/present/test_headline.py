@@ -15,6 +15,7 @@ from companion.verdict import Cause, Finding, Verdict
         (Cause("gyro_bias", "imu", 68.8, None, 0.1, "gyro", imu=1), "Gyro of IMU 1 wrong, from 69 s to the end"),
         (Cause("accel_scale", "imu", 2.0, None, None, "accel"), "Accelerometer wrong, since the start"),
         (Cause("gps_position", "autopilot", 39.8, None, 0.1, "gps"), "GPS position wrong, from 40 s to the end"),
+        (Cause("compass_frozen", "autopilot", 9.0, 127.6, 0.1, "compass"), "Compass frozen, 9-128 s"),
         (Cause("heading_jump", "autopilot", 39.8, 39.9), "Autopilot wrong: heading jump, at 40 s"),
         (Cause("frozen", "imu", 39.8, 50.0), "IMU wrong: frozen, 40-50 s"),
     ],
