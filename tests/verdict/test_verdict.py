@@ -316,6 +316,23 @@ def test_a_stuck_axis() -> None:
     assert finding.evidence.startswith("gyro y")
 
 
+def test_an_axis_without_noise_is_stuck_whatever_is_corrected_and_lost_and_however_straight_the_flight() -> None:
+    flight = flown(motions.rest(seconds(60, 100)))
+    imu = flight.imu()
+    noisy = imu.gyro + 2e-3 * np.random.default_rng(7).standard_normal(imu.gyro.shape)
+    shaken = with_imu(flight, gyro=noisy, gyro_step=0.0)
+    assert not [f for f in reading_faults(shaken, compare(shaken), GENERIC) if f.kind == "stuck_axis"]
+    during = imu.t >= imu.t[0] + 30.0
+    drifting = noisy.copy()
+    drifting[during, 2] = 0.1 + 1e-7 * np.random.default_rng(8).standard_normal(during.sum()).cumsum()
+    recorded = (imu.t < imu.t[0] + 40.0) | (imu.t > imu.t[0] + 40.3)
+    kept = replace(shaken.imu(), t=imu.t[recorded], gyro=drifting[recorded], accel=imu.accel[recorded])
+    stuck = replace(shaken, imus={"RAW_IMU": kept})
+    kinds = [f for f in reading_faults(stuck, compare(stuck), GENERIC) if f.kind == "stuck_axis"]
+    assert [f.evidence[:6] for f in kinds] == ["gyro z", "gyro z"]
+    assert sum(f.end_s - f.start_s for f in kinds) == pytest.approx(29.7, abs=0.2)
+
+
 def test_an_axis_that_stops_is_seen_at_a_ground_stations_rate() -> None:
     """Ten samples tell as little at 4 Hz as at 100: it takes longer to be sure."""
     flight = flown(motions.coning(seconds(75, 4), angle=0.2, frequency=0.2))

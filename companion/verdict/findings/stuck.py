@@ -123,8 +123,8 @@ def _only_rounded(axes: _Axes, stretch: slice, finer: ImuTrack) -> bool:
 
 def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) -> Iterator[tuple[int, int]]:
     """First and last sample of the stretches in which some axes are stuck."""
-    sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
-    first, last = run_edges(axes.same)
+    sensor, known = axes.sensor, comparison.reference.attitude_known
+    first, last = run_edges(axes.same & ~comparison.gaps)
     lasted = sensor.t[last + 1] - sensor.t[first]
     stuck_s = healthy.STUCK_S * sensor.window_s
     even = np.flatnonzero(lasted > healthy.FROZEN_S * sensor.window_s)
@@ -133,16 +133,15 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
     change = sensor.change[:, axes.axes].max(axis=1)
     elsewhere = beside(len(change), first[even], last[even])
     samples = sensor.rate_hz * sensor.window_s
+    noisy = len(axes.axes) == 1 and turns_back(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], samples)
     restless = never_repeats(axes.same[elsewhere], samples)
-    if restless and sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
-        restless = turns_back(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], samples)
+    if sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
+        restless &= noisy
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], samples)
     usual = np.median(axes.beside, axis=0)
     spreads = _beside_others(axes, others) if sensor.step and (lasted > stuck_s).any() else []
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
-        if gaps[stretch].any():
-            continue
         goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE  # else it is the whole sensor, or all
         if goes_on and any(_never_so_still(windows, sensor.t[first[i]], sensor.t[last[i] + 1]) for windows in spreads):
             yield stretch.start, stretch.stop - 1
@@ -150,11 +149,13 @@ def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) ->
         if axes.beside_same[stretch].mean(axis=0).max() > check.BESIDE:
             continue
         changes = slice(stretch.start, stretch.stop - 1)
-        if _goes_somewhere(sensor.readings[stretch, axes.axes]):
+        # a correction that drifts with the heat is taken off what is stuck, too
+        silent = noisy and change[changes].mean() < check.STUCK_QUIETER * quietest
+        if not silent and _goes_somewhere(sensor.readings[stretch, axes.axes]):
             continue
         reads = np.abs(sensor.readings[stretch.start, axes.axes]).max()
         # a low-pass takes its time to settle
-        flickers = np.quantile(change[changes], 0.9) > check.FLOAT32_BIT * reads
+        flickers = not silent and np.quantile(change[changes], 0.9) > check.FLOAT32_BIT * reads
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < check.STUCK_CALM * usual).any()
         if flickers or calm or not restless:
