@@ -197,16 +197,17 @@ def _completed(
         owner[str(future.key)] = log
         return future
 
-    first = list(map(submit, islice(waiting, at_once)))
-    done = distributed.as_completed(first, loop=client.loop)  # with_results: a result that does not come is waited for
-    for future in _patiently(client, done, 2 * plan.timeout_s + _SPARE_S):
+    most_s = 2 * plan.timeout_s + _SPARE_S
+    # with_results: a result that does not come is waited for
+    done = distributed.as_completed(map(submit, islice(waiting, at_once)), loop=client.loop)
+    for future in _patiently(client, done, most_s):
         if future is None:
             for log in (*owner.values(), *waiting):
-                yield log, LogRecord(error=_SILENT.format(seconds=2 * plan.timeout_s + _SPARE_S), settled=False)
+                yield log, LogRecord(error=_SILENT.format(seconds=most_s), settled=False)
             return
         log = owner.pop(str(future.key))
         if future.status == "finished":
-            yield log, decode(future.result(timeout=_SPARE_S))
+            yield log, decode(future.result(timeout=most_s))  # examined again where its worker died with it
         elif future.status == "error":
             error = future.exception()
             dead = isinstance(error, distributed.KilledWorker)

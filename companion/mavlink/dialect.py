@@ -69,7 +69,8 @@ class Dialect:
         if enum not in self.enums:
             raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self.enums)}")
         # The generator ends each enum with a sentinel that is no value of it.
-        names = {value: str(entry.name) for value, entry in self.enums[enum].items()} | _RENAMED.get(enum, {})
+        names = {value: str(entry.name) for value, entry in self.enums[enum].items()}
+        names |= _RENAMED.get(enum, {})
         return {v: name.removeprefix(f"{enum}_") for v, name in names.items() if not name.endswith("_ENUM_END")}
 
 

@@ -62,7 +62,7 @@ def verdict_without_imu(flight: Flight, why: str, limits: Limits) -> Verdict | N
         agreed.append("the GPS moves as its own velocity says")
     beside = f" ({', '.join(agreed)})" if agreed else ""
     compared = bool(apart) or flight.position is not None
-    agreement = "no fault of the autopilot was found" if compared else "nothing tells of the autopilot's estimate"
+    agreement = "no fault of the autopilot was found" if compared else "the autopilot's estimate could not be checked"
     return decide_without_imu(findings, agreement + beside, why)
 
 
@@ -110,11 +110,12 @@ def _off_compass(flight: Flight, limits: Limits) -> Iterator[_Apart]:
         return
     reference = reference_at(attitude, None, compass.t, limits)
     which, judged = _judged(flight, compass.t)
-    judged &= reference.attitude_known
+    judged &= reference.attitude_known & np.isfinite(compass.field).all(axis=1)
     if judged.any():
         field = quaternion.rotate(reference.q_ned_frd, compass.field)
         off = np.arctan2(field[:, 1], field[:, 0])
-        off -= flight.declination or at_first(np.unwrap(off), judged, which)
+        off[judged] = np.unwrap(off[judged])
+        off -= flight.declination or at_first(off, judged, which)
         value = np.where(judged, np.abs(wrapped(off)), np.nan)
         least = least_deviation("heading", np.full(len(value), healthy.MAGNETIC_HEADING_RAD))
         yield _Apart("heading", "compass", compass.source, compass.t, value, least)
