@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,14 +11,10 @@ from companion.constants import num, priors
 from companion.estimation.differences import score_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.hypotheses import Hypothesis, Signature
-from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, Explained, Rival
+from companion.estimation.model import Explained, Rival
 from companion.estimation.shapes import SLOPED, activation
-from companion.estimation.system import Measurement, Problem
+from companion.estimation.system import Problem
 from companion.model import Array
-from companion.strapdown import skew
-
-_FIELD, _ = CONSTANTS["earth_field"]
-_BY_FIELD = np.r_[CONSTANTS["soft_iron"][0], CONSTANTS["compass_latency"][0]]  # whose columns are of the field
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,51 +108,6 @@ def with_candidate(problem: Problem, candidate: Candidate) -> Problem:
         constants_sigma=np.concatenate((problem.prior.constants_sigma, sigma)),
     )
     return replace(problem, motion=motion, measurements=tuple(measurements), prior=prior)
-
-
-def about_sizes(
-    problem: Problem, accepted: Sequence[Candidate], sizes: Array, in_field: Callable[[Array], Measurement]
-) -> Problem:
-    """The problem with a compass whose field has turned by what it was found to, sizes (m,), of what is accepted.
-
-    Its columns are the derivatives there, and its residuals those of sizes that are counted from zero. in_field: what
-    the compass would read of an Earth's field (3,) µT: its derivatives are linear in that.
-    """
-    compass = problem.measurement("compass")
-    if compass is None or not sizes.any() or not any(one.hypothesis.turns_field for one in accepted):
-        return problem
-    of_field, level = compass.constants[..., _FIELD], complex(*problem.states.constant("earth_field")[:2])
-    changed, by_level = np.zeros(len(compass.t), np.complex128), np.zeros((len(compass.t), 2, 2))
-    constants, residual, first = compass.constants.copy(), compass.residual.copy(), CONSTANT_STATES
-    for one in accepted:
-        width = one.unknowns(problem)
-        own, first = slice(first, first + width), first + width
-        if not one.hypothesis.turns_field:
-            continue
-        which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 2), np.zeros(2)
-        size[which] = sizes[own.start - CONSTANT_STATES : own.stop - CONSTANT_STATES]
-        as_complex = complex(*size)
-        changed += one.change_of_field(compass.t, level, as_complex)
-        by_level += jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
-        by_size = jacobian(partial(one.change_of_field, compass.t, level), as_complex)
-        constants[..., own] = (of_field[..., :2] @ by_size)[..., which]
-        residual += constants[..., own] @ size[which]
-    offset = np.column_stack((changed.real, changed.imag, np.zeros(len(changed))))
-    residual -= (of_field @ offset[..., None])[..., 0]
-    states = compass.states.copy()
-    states[..., ATTITUDE] += of_field @ skew(offset)
-    for along, unit in zip(offset.T[:2], np.eye(3), strict=False):
-        constants[..., _BY_FIELD] += along[:, None, None] * in_field(unit).constants[..., _BY_FIELD]
-    constants[..., _FIELD.start : _FIELD.start + 2] += of_field[..., :2] @ by_level
-    turned = replace(compass, residual=residual, states=states, constants=constants)
-    return replace(problem, measurements=tuple(turned if m is compass else m for m in problem.measurements))
-
-
-def jacobian(changed: Callable[[complex], npt.NDArray[np.complex128]], at: complex) -> Array:
-    """(M, 2, 2) of north and east by north and east, of M complex functions of a complex number."""
-    step = num.FIELD_STEP
-    columns = [(changed(at + way) - changed(at - way)) / (2.0 * step) for way in (step, 1j * step)]
-    return np.stack([np.column_stack((one.real, one.imag)) for one in columns], axis=2)
 
 
 def _from_differences(problem: Problem, candidate: Candidate) -> tuple[Array, Array]:

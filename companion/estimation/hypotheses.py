@@ -125,6 +125,7 @@ class Hypothesis:
     integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
     time_shifts: tuple[str, ...] = ()  # aiding sensors whose readings speak of another time: linear in small sizes
     turns_field: bool = False  # whether it turns the field that a compass reads: linear in small sizes
+    turns_compass: bool = False  # whether it turns the compass in its mounting: linear in small sizes too
 
     @property
     def sensor(self) -> str:
@@ -135,6 +136,11 @@ class Hypothesis:
     def error(self) -> str:
         """What of the sensor: "bias", "scale", "shock" of the IMU's."""
         return self.name.partition("_")[2]
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns something by any angle: its columns are derivatives at its size (`about_sizes`)."""
+        return self.turns_field or self.turns_compass
 
     @property
     def between_imus(self) -> bool:
@@ -326,7 +332,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          partial(by_number, "the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          device="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
-         signature=_rotation, rate=0.01),
+         signature=_rotation, rate=0.01, turns_compass=True),
     Hypothesis("compass_iron", "a magnet or a current comes near the compass",
          partial(by_length, "the compass", "µT", axes="xyz"),
          "Look for currents and iron near the compass: motors, cables.",

@@ -11,7 +11,7 @@ import numpy as np
 from companion.constants import healthy, num
 from companion.estimation.aiding_sensors import RECEIVER_MOTION, SENSORS, SLOW
 from companion.estimation.block_tridiagonal import inverses, scaled
-from companion.estimation.candidate import Candidate, about_sizes, with_candidate
+from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.hypotheses import hypothesis_of
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -29,8 +29,9 @@ from companion.estimation.model import (
 from companion.estimation.readings import Kinematics, Readings, three_samples
 from companion.estimation.setup import Setup
 from companion.estimation.system import Measurement, Motion, Prior, Problem
+from companion.estimation.turning import about_sizes
 from companion.model import Array, IntArray
-from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
+from companion.strapdown import MOVED, Preintegration, error_sums, left_jacobian, preintegrate, quaternion, skew
 
 _NOTHING = np.zeros(0)
 
@@ -197,23 +198,15 @@ def _predict(setup: Setup, pim: PreintegratedImu, states: States, motion: Motion
     for block in (VELOCITY, POSITION):
         transition[:, block, ATTITUDE] -= skew(shift[:, block])
     back = quaternion.to_matrix(quaternion.exp(-residual[:, ATTITUDE]))
-    pushed = back @ _left_jacobian(shift[:, ATTITUDE])
+    pushed = back @ left_jacobian(shift[:, ATTITUDE])
     transition[:, ATTITUDE, ATTITUDE] = back
     transition[:, ATTITUDE, GYRO_BIAS] = pushed @ transition[:, ATTITUDE, GYRO_BIAS]
     motion.constants[:, ATTITUDE] = pushed @ motion.constants[:, ATTITUDE]
-    scale = np.linalg.inv(_left_jacobian(-residual[:, ATTITUDE]))
+    scale = np.linalg.inv(left_jacobian(-residual[:, ATTITUDE]))
     motion.weight[:, ATTITUDE] = scale.swapaxes(-1, -2) @ motion.weight[:, ATTITUDE]
     motion.weight[:, :, ATTITUDE] = motion.weight[:, :, ATTITUDE] @ scale
     if sizes.any():
         residual[:, :9] -= columns @ sizes
-
-
-def _left_jacobian(turn: Array) -> Array:
-    """(N, 3, 3) of exp at rotation vectors (N, 3), rad: exp(a + δ) = exp(J_l δ) exp(a)."""
-    angle = np.maximum(np.linalg.norm(turn, axis=1), 1e-4)[:, None, None]  # below it both quotients are at their limits
-    across = skew(turn)
-    once, twice = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) + once * across + twice * (across @ across))
 
 
 def _motion_residual(setup: Setup, pim: PreintegratedImu, states: States, shift: Array) -> Array:

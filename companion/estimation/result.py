@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import num
-from companion.estimation.candidate import Candidate, jacobian
+from companion.estimation.candidate import Candidate
 from companion.estimation.differences import Differences
 from companion.estimation.iteration import Start
 from companion.estimation.learned_noise import scatter
@@ -34,6 +34,7 @@ from companion.estimation.search import detectable
 from companion.estimation.setup import Setup
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Motion, Problem, measurement_residual
+from companion.estimation.turning import jacobian
 from companion.model import Array
 
 _BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)

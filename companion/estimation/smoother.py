@@ -240,7 +240,7 @@ def _rivals(
 
     possible: of what can be, as it was weighed when that was accepted.
     """
-    if accepted[one].taken or accepted[one].hypothesis.turns_field:
+    if accepted[one].taken or accepted[one].hypothesis.turns:
         return ()
     problem = as_rough(without(setup, linear, accepted, one), linear, accepted[one])
     again, kinds = (Candidate.of_trial(other).rival for other in trials(problem)), {_who(rival) for rival in possible}

@@ -139,7 +139,7 @@ class Weighing:
         if own is None or own.candidate.taken:
             return linearly
         is_first = own is self._tried[0]
-        if own.candidate.hypothesis.turns_field:
+        if own.candidate.hypothesis.turns:
             turned = self._where_it_turns(own)
             return linearly if is_first and linearly.log_odds > turned.log_odds else turned
         return linearly if is_first else self._where_it_fits(own)
@@ -153,7 +153,7 @@ class Weighing:
         return replace(refined, log_odds=refined.log_odds - 0.5 * (whole_misfit(problem) - self._left))
 
     def _where_it_turns(self, own: Adaptation) -> Candidate:
-        """Of one that turns a field: by what its estimate leaves, its size and times known as well as there.
+        """Of one that turns field or compass: by what its estimate leaves, its size and times known as well as there.
 
         The evidence of a size u that is known to Σ and was to σ² is half of what the misfit loses by it, priors
         included, and half of log |Σ/σ²|; rate and times are those of the trial.
@@ -190,7 +190,7 @@ def _when(one: Candidate) -> _When:
 def _without_the_last(setup: Setup, adaptation: Adaptation, accepted: Sequence[Candidate]) -> Problem:
     """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
     candidate = adaptation.candidate
-    if not (candidate.taken or candidate.hypothesis.turns_field):
+    if not (candidate.taken or candidate.hypothesis.turns):
         return without(setup, adaptation.linear, [*accepted, candidate], len(accepted))
     sizes = _sizes(adaptation)
     before = sizes[: len(sizes) - candidate.unknowns(adaptation.linear)]

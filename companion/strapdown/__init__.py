@@ -1,7 +1,7 @@
 """Strapdown integration: IMU tracks in, trajectories out. Arrays throughout; imports tracks and NumPy alone."""
 
 from companion.strapdown import motions, quaternion
-from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, propagate, skew
+from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, left_jacobian, propagate, skew
 from companion.strapdown.dead_reckon import (
     SAME_TIME,
     DeadReckoner,

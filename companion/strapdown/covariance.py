@@ -38,6 +38,14 @@ def skew(vector: Array) -> Array:
     return out
 
 
+def left_jacobian(turn: Array) -> Array:
+    """(N, 3, 3) J_l of exp at rotation vectors (N, 3), rad: exp(a + δ) = exp(J_l δ) exp(a) (J. Solà 2017, §4.3.4)."""
+    angle = np.maximum(np.linalg.norm(turn, axis=1), 1e-4)[:, None, None]  # below it both quotients are at their limits
+    across = skew(turn)
+    once, twice = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + once * across + twice * (across @ across))
+
+
 def trapezoid(t: Array) -> Array:
     """Weights (W, n) of the trapezoidal rule over times (W, n)."""
     half = 0.5 * np.diff(t, axis=1)

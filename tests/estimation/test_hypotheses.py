@@ -228,6 +228,17 @@ def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str, degrees: float, 
     assert max(shares, key=lambda side: shares[side]) == {"gyro": "imu", "compass": "compass"}[wrong]
 
 
+@pytest.mark.parametrize("degrees", [60.0, 90.0])
+def test_a_compass_that_turns_far_in_its_mounting_is_one_cause_of_that_angle(degrees: float) -> None:
+    flight, _ = sensed(90.0, "circle")
+    (compass,) = flight.compasses
+    turn = np.radians(degrees) * (compass.t >= ONSET)[:, None] * np.array([0.0, 0.0, 1.0])
+    loose = replace(compass, field=quaternion.rotate(quaternion.exp(turn), compass.field))
+    (one,) = smooth(replace(flight, compasses=(loose,))).explained
+    assert one.kind == "compass_turn"
+    assert np.degrees(one.size) == pytest.approx([0.0, 0.0, degrees], abs=1.0)
+
+
 @pytest.mark.parametrize(("path", "seed"), [("circle", 2), ("coning", 4)])
 def test_a_field_that_turns_far_is_explained_once(path: str, seed: int) -> None:
     """By 120° in 20 s, of a compass with soft iron: what an arc leaves about another place is no second turn."""

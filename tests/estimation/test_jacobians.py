@@ -192,15 +192,27 @@ def test_the_motion_is_linear_as_it_says(
         )
 
 
-@pytest.mark.parametrize("shapes", [("step",), ("ramp",), ("creep", "pulse")])
-def test_a_compass_whose_field_has_turned_is_linear_as_it_says(
-    problem: tuple[Setup, PreintegratedImu, States], shapes: tuple[str, ...]
+FAR = {"compass_field": [4.0, -7.0], "compass_turn": [0.3, -0.2, 0.5]}
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [
+        [("compass_field", "step")],
+        [("compass_field", "ramp")],
+        [("compass_field", "creep"), ("compass_field", "pulse")],
+        [("compass_turn", "ramp")],
+        [("compass_turn", "step"), ("compass_field", "ramp"), ("compass_turn", "pulse")],
+    ],
+)
+def test_a_compass_that_has_turned_or_its_field_is_linear_as_it_says(
+    problem: tuple[Setup, PreintegratedImu, States], turned: list[tuple[str, str]]
 ) -> None:
     """By far, evenly or at once: in attitudes, in all that is constant and in the sizes that were found so far."""
     setup, path, states = problem
-    row = hypothesis_of("compass_field")
-    accepted = [Candidate(row, shape, 3.0 + i, 8.0 + i, 0.1, -1, 0.0, 0.0) for i, shape in enumerate(shapes)]
-    sizes = np.tile([4.0, -7.0], len(shapes))
+    rows = [(hypothesis_of(kind), shape) for kind, shape in turned]
+    accepted = [Candidate(row, shape, 3.0 + i, 8.0 + i, 0.1, -1, 0.0, 0.0) for i, (row, shape) in enumerate(rows)]
+    sizes = np.concatenate([FAR[kind] for kind, _ in turned])
     scale, slow = {one.name: 1.0 for one in setup.readings}, start_of(setup, states).slow
 
     def made(of: States, sizes: Array = sizes) -> Measurement:
