@@ -121,7 +121,7 @@ _FLIGHTS = 3  # of several in a log
 
 
 def first_screen(examined: Examination, width: int) -> list[str]:
-    """Lines of rich markup, at most 23 in 80 columns; what does not fit is behind --full."""
+    """Lines of rich markup, mostly at most 23 in 80 columns; but for the gravest finding the rest is behind --full."""
     assessment = examined.assessment
     width = min(width, _WIDEST)
     flight, track = examined.flight, examined.flight.imu(assessment.drift.imu)
@@ -182,13 +182,13 @@ def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
     for group in groups:
         when = f"{group.when}: " if group.when else ""
         own = tables.wrapped(f"{when}{group}", width - 4, 0)
-        if len(lines) + len(own) > room - (len(group.findings) < left):
+        if lines and len(lines) + len(own) > room - (len(group.findings) < left):
             break
         left -= len(group.findings)
         lines.append(f"  {tables.SIGNS[group.findings[0].severity]} {own[0]}")
         lines += [f"    {line}" for line in own[1:]]
     if left:
-        lines.append(f"  and {left} more: --full" if lines else f"  {counted(left, 'finding')}: --full")
+        lines.append(f"  and {left} more: --full")
     return lines
 
 

@@ -286,7 +286,8 @@ def headline_of(finding: Finding) -> str:
     """What is wrong and when, without the rivals and consequences that stand in the finding."""
     if finding.headline and finding.cause is not None:
         return finding.headline  # has its time, with how sure it is
-    return f"{finding.headline or finding.evidence}, from {finding.start_s:.1f} to {finding.end_s:.1f} s"
+    start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
+    return f"{finding.headline or finding.evidence}, {f'at {start}' if start == end else f'from {start} to {end}'} s"
 
 
 def stated_cause(finding: Finding) -> Cause:

@@ -401,7 +401,9 @@ def with_reports(finding: Finding, flight: Flight) -> Finding:
         and any(word in text.lower() for word in _WORDS)
     ]  # fmt: skip
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
-    words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
+    words = dict.fromkeys(
+        f"{''.join(c for c in text if c.isprintable()).strip()!r} at {t:.1f} s" for t, text in nearest
+    )
     evidence = [finding.evidence]
     if words:
         evidence.append(f"the vehicle said {', '.join(list(words)[: check.MAX_QUOTED])}")

@@ -100,10 +100,11 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
     name, axis, what = sensor.name, "xyz"[axes[0]], "lost an axis"
     start, end = float(sensor.t[first]), float(sensor.t[last])
     reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
-    evidence = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
+    unit = "rad/s" if name == "gyro" else "m/s²"
+    evidence = f"{name} {axis} reads {reads} {unit} for {end - start:.1f} s while the other axes go on"
     if len(axes) == 3:
         other, axis, what = "accel" if name == "gyro" else "gyro", "", "stopped"
-        evidence = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
+        evidence = f"{name} reads ({reads}) {unit} for {end - start:.1f} s while the {other} goes on"
     advice = f"The sensor or its driver has {what}: do not fly on it. Look at its wiring and driver."
     cause = Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis)
     return Finding("stuck_axis", "imu", "error", start, end, evidence, advice, cause=cause)
