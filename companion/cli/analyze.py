@@ -6,7 +6,7 @@ The screen has the verdict, its evidence, the drift of the IMU, the detectable f
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from companion.cli.info import reference_line
 from companion.documents import analysis_document
 from companion.estimation import HYPOTHESES, BestEstimate, ConfusionMatrix, Identifiability, hypothesis_of
 from companion.model import DataError, Flight, counted, words
-from companion.verdict import Assessment, Finding, rate_warning
+from companion.verdict import Assessment, Verdict, rate_warning
 
 
 def analyze_options(parser: options.Parser) -> None:
@@ -133,7 +133,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     rows = [*_rows(assessment, rate_warning(flight, track.rate_hz) or "")]
     tail = [line for label, text in rows for line in _labelled(label, text, width)]
     room = max(_MOST_LINES, _MOST_LINES * _COLUMNS // width) - len(head) - len(tail) - 4
-    shown = _evidence(assessment.verdict.findings, width, room)
+    shown = _evidence(assessment.verdict, width, room)
     more = "Everything else, with all tables: --full"
     return [*head, "", *shown, *([""] if shown else []), *tail, "", more]
 
@@ -175,13 +175,14 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     return label, f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
 
 
-def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
+def _evidence(verdict: Verdict, width: int, room: int) -> list[str]:
     lines: list[str] = []
-    groups, _ = present.ranked(findings)
-    left = len(findings)
+    groups, _ = present.ranked(verdict.findings)
+    left = len(verdict.findings)
     for group in groups:
         when = f"{group.when}: " if group.when else ""
-        own = tables.wrapped(f"{when}{group}", width - 4, 0)
+        said = verdict.cause is None and str(group) in verdict.summary
+        own = tables.wrapped(f"{when}{'as above' if said else group}", width - 4, 0)
         if lines and len(lines) + len(own) > room - (len(group.findings) < left):
             break
         left -= len(group.findings)

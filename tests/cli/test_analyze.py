@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
+from companion import examine, open_log
 from companion.cli import main
+from companion.cli.analyze import first_screen
 from companion.estimation import HYPOTHESES
+from companion.verdict import Finding
 from tests.recordings import BUNDLED, recording
 
 pytestmark = pytest.mark.slow
@@ -34,6 +38,15 @@ def test_it_fits_on_a_screen(log: str, monkeypatch: pytest.MonkeyPatch, capsys: 
     assert "Detectable" in text
     assert "--full" in text
     assert lines[0].startswith("CONSISTENT") or "What to do" in text
+
+
+def test_the_gravest_finding_is_shown_however_long_it_is() -> None:
+    examined = examine(open_log(BUNDLED / "copter-demo-100hz.tlog")[0])
+    long = Finding("gyro_bias", "imu", "error", 70.0, 80.0, "it is off " * 200, "Look at it.")
+    verdict = replace(examined.verdict, findings=(long, replace(long, severity="info")))
+    screen = first_screen(replace(examined, assessment=replace(examined.assessment, verdict=verdict)), 80)
+    assert sum("it is off" in line for line in screen) > 20
+    assert "  and 1 more: --full" in screen
 
 
 def test_what_a_low_rate_leaves_open_is_stated_once(capsys: Captured) -> None:
