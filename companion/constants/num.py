@@ -183,6 +183,7 @@ UNSEEN_INFORMATION = 1e-9  # of the largest of an axis: one that tells nothing
 IDENTIFIABLE_MOST = 8.0  # times the detectable size, up to which the identifiable one is looked for
 IDENTIFIABLE_HALVINGS = 7  # of its logarithm, at most: to 2 %
 IDENTIFIABLE_SHARE = (0.95, 0.96)  # of the data sets that are told, at least, and enough to know it well
+SIGMA_DECIMALS = 3  # at most, that it takes to show the σ of a size in words
 RIVAL_LOG_ODDS = 12.0  # below the likeliest hypothesis, from which on another one does not count
 DATA_SETS_SIZE = 4e6  # states by data sets, at a time: 32 MB
 MAX_EXPLAINED = 4  # hypotheses in one estimate

@@ -46,12 +46,20 @@ def main_axis(value: Array) -> str:
     return "xyz"[worst] if np.linalg.norm(np.delete(value, worst)) < 0.2 * abs(value[worst]) else ""
 
 
+def _plus_minus(value: float, sigma: float, decimals: int) -> str:
+    """A number and its 1σ to so many decimals, or as many as it takes to show the σ: "45.0 ± 0.3"."""
+    while decimals < num.SIGMA_DECIMALS and 0.0 < sigma < 0.5 * 10.0**-decimals:
+        decimals += 1
+    return f"{value:z.{decimals}f} ± {sigma:.{decimals}f}"
+
+
 def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int, size: Size) -> str:
     """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
     parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
     spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
     if axis := main_axis(size.value):
-        return f"{sensor} {axis} {error} {parts['xyz'.index(axis)]} {spread}"
+        own = factor * float(size.value["xyz".index(axis)])
+        return f"{sensor} {axis} {error} {_plus_minus(own, size.sigma * factor, decimals)} {unit}"
     every = ", ".join(f"{name} {part}" for name, part in zip("xyz", parts, strict=True))
     return f"{sensor} {error} {every} {spread}"
 
@@ -60,13 +68,13 @@ def by_length(what: str, unit: str, size: Size, axes: Sequence[str] = ("north", 
     """'the GPS position is off by up to 9.1 ± 1.2 m (north 8.0, east 4.3)'; axes: in which the size is."""
     parts = ", ".join(f"{axis} {value:.1f}" for axis, value in zip(axes, size.value, strict=False))
     along = f" ({parts})" if len(size.value) > 1 else ""
-    return f"{what} is off by up to {size.magnitude:.1f} ± {size.sigma:.1f} {unit}{along}"
+    return f"{what} is off by up to {_plus_minus(size.magnitude, size.sigma, 1)} {unit}{along}"
 
 
-def by_number(words: str, factor: float, size: Size) -> str:
-    """Words with a place for the number, of several its magnitude, and one for its σ, both times the factor."""
+def by_number(words: str, decimals: int, factor: float, size: Size) -> str:
+    """Words with a place for the number, of several its magnitude, with its σ: both times the factor."""
     number = size.magnitude if len(size.value) > 1 else float(size.value[0])
-    return words.format(number * factor, size.sigma * factor)
+    return words.format(_plus_minus(number * factor, size.sigma * factor, decimals))
 
 
 def turn_of_the_field(size: Size) -> tuple[float, float]:
@@ -80,7 +88,7 @@ def turn_of_the_field(size: Size) -> tuple[float, float]:
 def by_turn_of_the_field(size: Size) -> str:
     """'the compass's field turns by 45 ± 2°'."""
     angle, spread = np.degrees(turn_of_the_field(size))
-    return f"the compass's field turns by {angle:.0f} ± {spread:.0f}°"
+    return f"the compass's field turns by {_plus_minus(float(angle), float(spread), 0)}°"
 
 
 _SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
@@ -287,12 +295,12 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          signature=partial(_scale, ACCEL_BIAS), needs="gps_position", min_between_imus=0.05, rate=3e-4,
          max_plausible=num.MAX_SCALE),
     Hypothesis("gyro_shock", "the gyro misses a turn, all at once",
-         partial(by_number, "the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
+         partial(by_number, "the gyro misses a turn of {}°", 0, _DEGREES),
          _LOOK_AT_THE_MOUNTING,
          device="imu", unit="rad", shapes=("shock",), prior=0.3, min_reported=0.035,
          signature=partial(_shock, ATTITUDE), fault_threshold=np.inf, rate=1.0),
     Hypothesis("accel_shock", "the accelerometer misses a push, all at once",
-         partial(by_number, "the accelerometer misses a push of {:.1f} ± {:.1f} m/s", 1.0),
+         partial(by_number, "the accelerometer misses a push of {} m/s", 1, 1.0),
          _LOOK_AT_THE_MOUNTING,
          device="imu", unit="m/s", shapes=("shock",), prior=5.0, min_reported=0.5, signature=partial(_shock, VELOCITY),
          needs="gps_position", fault_threshold=np.inf, rate=1.0),
@@ -318,7 +326,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          device="gps", unit="m/s", shapes=("step", "ramp", "pulse"), prior=5.0, min_reported=0.5,
          signature=partial(_shift, "gps_velocity"), rate=0.3),
     Hypothesis("gps_latency", "the GPS comes later than before",
-         partial(by_number, "the GPS fixes come {:.3f} ± {:.3f} s later than before", 1.0),
+         partial(by_number, "the GPS fixes come {} s later than before", 3, 1.0),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
          device="gps", unit="s", shapes=("step", "pulse"), prior=0.5, min_reported=0.15, signature=_late,
          needs="gps_position", time_shifts=_GPS, rate=0.01),
@@ -329,7 +337,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          device="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
          signature=_field, rate=0.3, turns_field=True),
     Hypothesis("compass_turn", "the compass turns in its mounting",
-         partial(by_number, "the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
+         partial(by_number, "the compass turns by {}° in its mounting", 0, _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          device="compass", unit="rad", shapes=("step", "ramp", "pulse"), prior=0.5, min_reported=0.1,
          signature=_rotation, rate=0.01, turns_compass=True),
