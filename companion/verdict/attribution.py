@@ -258,7 +258,7 @@ def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | N
         return Doubt("a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment")
     if not best.converged:
         return _NOT_CONVERGED
-    if best.contradicted and interval.device != "imu":
+    if best.contradicted:
         return _CONTRADICTED
     name, shares = words(interval.kind), probability_imu_or_aiding(interval)
     return _what_else(interval, name, _imu_or_aiding(interval.kind), shares, _imu_or_aiding)

@@ -564,6 +564,15 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
     assert "far more noise than it shows" in told.evidence
 
 
+def test_where_an_imu_is_contradicted_no_sensor_is_accused_and_not_the_imu_alone(best: BestEstimate) -> None:
+    """A GPS that stands still in flight is explained by it, and the rest by whatever comes near it."""
+    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
+    for one in (weighed(kind, size, (kind, 1.0, 1.0)) for kind, size in (("gyro_bias", BIAS), ("gps_position", AWAY))):
+        for estimate in (noisy, best):
+            (told,) = findings_of((one,), (off_by("position", ONSET + 1.0, ONSET + 5.0, 100.0, 1.0),), estimate)
+            assert told.undecided == (estimate is noisy)
+
+
 @pytest.mark.parametrize(("begun", "misled"), [(ONSET, 1), (ONSET - 12.0, 0)], ids=["with it", "before"])
 def test_a_deviation_follows_what_begins_with_it_before_what_was_there_already(
     flight: Flight, best: BestEstimate, begun: float, misled: int
