@@ -46,7 +46,7 @@ def about_sizes(
     compasses = [part for part in sized if part[0].hypothesis.turns_compass]
     iron = np.eye(3) + problem.states.constant("soft_iron").reshape(3, 3)
     turned = _turned(turned, iron, compasses, [own for _, own, _ in fields])
-    from_zero = sum(turned.constants[..., own] @ found for _, own, found in (*fields, *compasses))
+    from_zero = sum(turned.constants[..., own] @ so_far for _, own, so_far in (*fields, *compasses))
     turned = replace(turned, residual=turned.residual + from_zero)
     return replace(problem, measurements=tuple(turned if m is compass else m for m in problem.measurements))
 
@@ -58,9 +58,9 @@ def _with_turned_field(
     of_field = compass.constants[..., _FIELD]
     changed, by_level = np.zeros(len(compass.t), np.complex128), np.zeros((len(compass.t), 2, 2))
     constants, residual = compass.constants.copy(), compass.residual.copy()
-    for one, own, found in sized:
+    for one, own, so_far in sized:
         which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 2), np.zeros(2)
-        size[which] = found
+        size[which] = so_far
         as_complex = complex(*size)
         changed += one.change_of_field(compass.t, level, as_complex)
         by_level += jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
@@ -85,9 +85,9 @@ def _turned(compass: Measurement, iron: Array, sized: Iterable[_Sized], of_field
     """
     field = compass.constants[:, 0, _SOFT_IRON][:, :3] @ iron.T
     changes_field = np.r_[_FIELD, _BY_FIELD, *of_field]
-    for one, own, found in sized:
+    for one, own, so_far in sized:
         which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 3), np.zeros(3)
-        size[which] = found
+        size[which] = so_far
         share = activation(one.shape, np.array([one.onset]), np.array([one.end]), compass.t, compass.t)[0][:, None]
         by = quaternion.to_matrix(quaternion.exp(share * size))
         after = (by @ field[..., None])[..., 0]

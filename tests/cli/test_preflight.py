@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -44,11 +43,14 @@ def test_options_of_a_link_are_refused_for_a_log(capsys: Captured) -> None:
 
 
 def test_a_history_needs_three_flights(tmp_path: Path, capsys: Captured) -> None:
-    for i in range(2):
-        shutil.copy(DEMO, tmp_path / f"{i}.tlog")
+    def another(i: int) -> None:
+        (tmp_path / f"{i}.tlog").write_bytes(DEMO.read_bytes() + bytes(1 + i))
+
+    another(0)
+    another(1)
     assert main(["preflight", str(DEMO), "--history", str(tmp_path)]) == 2
     assert "2 flights of this vehicle" in capsys.readouterr().err
-    shutil.copy(DEMO, tmp_path / "2.tlog")
+    another(2)
     assert main(["preflight", str(DEMO), "--history", str(tmp_path), "--json"]) == 0
     checks = json.loads(capsys.readouterr().out)["flights"][0]["checks"]
     assert all(one["history"]["times"] == 3 and not one["history"]["changed"] for one in checks)

@@ -143,14 +143,15 @@ def test_the_imu_is_carried_anew_for_a_far_bias_and_at_last_for_any(
 
 
 def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A compass that turns by 60° is no small error: the steps lead off the circle, and lower than there is nowhere."""
+    """A turn by 60° along a line leads off the circle, and lower than there is nowhere."""
     flight, _ = sensed(40.0, "square", rate=25.0, fixes_hz=5.0)
     (compass,) = flight.compasses
     begin, end = 20.1, 28.0
     turned = quaternion.rotate(quaternion.exp(np.array([0.0, 0.0, np.radians(60.0)])), compass.field)
     field = np.where(((compass.t > begin) & (compass.t < end))[:, None], turned, compass.field)
     setup = set_up(replace(flight, compasses=(replace(compass, field=field),)), None, STANDARD_GRAVITY, None)
-    choice = Candidate(hypothesis_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, 0.0)
+    along_a_line = replace(hypothesis_of("compass_turn"), turns_compass=False)
+    choice = Candidate(along_a_line, "pulse", begin, end, 0.1, -1, 0.0, 0.0)
     passes, uphill = list[Step](), list[bool]()
     taken = Step.taken
 

@@ -847,7 +847,7 @@ def test_an_accelerometer_that_never_feels_its_weight_is_stuck_whatever_else_the
     for one in (dead, replace(without_aiding(dead), position=None)):
         found = assess(one, GENERIC)
         assert kinds(found) == ["stuck_axis"]
-        assert of_kind(found, "stuck_axis").evidence.startswith("accel reads (0, 0, 0) for 50.0 s while the gyro")
+        assert of_kind(found, "stuck_axis").evidence.startswith("accel reads (0, 0, 0) m/s² for 50.0 s while the gyro")
     held = with_imu(flight, accel=np.tile([0.0, 0.0, -STANDARD_GRAVITY], (len(flight.imu()), 1)))
     assert "stuck_axis" not in kinds(assess(held, GENERIC)), "as a calm hover may read"
 
