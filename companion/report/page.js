@@ -11,7 +11,7 @@
   // Tables that are sorted by a click on a heading and show the rows that have the words of a field.
   for (const table of document.querySelectorAll("table.sortable")) {
     const body = table.tBodies[0];
-    const number = (cell) => parseFloat(cell.textContent);
+    const number = (cell) => parseFloat(cell.textContent.replaceAll(",", ""));
     const order = (a, b) => {
       const [x, y] = [number(a), number(b)];
       if (a.classList.contains("number")) return Number.isNaN(x) - Number.isNaN(y) || x - y;
@@ -93,9 +93,9 @@
   for (const part of document.querySelectorAll("details")) {
     part.addEventListener("toggle", () => part.querySelectorAll(".chart").forEach((one) => isFolded(one) || draw(one)));
   }
-  const unfold = (address) => address && document.querySelector(`${address} > details`)?.setAttribute("open", "");
-  addEventListener("hashchange", () => unfold(location.hash));
-  unfold(location.hash);
+  const unfold = () => document.getElementById(location.hash.slice(1))?.querySelector(":scope > details")?.setAttribute("open", "");
+  addEventListener("hashchange", unfold);
+  unfold();
   for (const [i, figure] of JSON.parse(content("figures")).entries()) {
     const chart = document.getElementById(`chart${i + 1}`);
     waiting.set(chart, figure);

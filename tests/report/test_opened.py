@@ -87,6 +87,15 @@ def test_the_page_asks_nobody_and_complains_of_nothing(opened: Watched, path: Pa
     assert [url for url in opened.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
 
 
+def test_a_link_to_a_part_unfolds_it_and_one_to_nothing_harms_nothing(opened: Watched) -> None:
+    page, part = opened.page, "document.querySelector('#noise > details').open"
+    page.evaluate("document.querySelector('#noise > details').open = false")
+    page.evaluate("location.hash = '#1'")
+    page.evaluate("location.hash = '#noise'")
+    until(lambda: page.evaluate(part), "the part open")
+    assert opened.trouble == []
+
+
 def test_no_request_could_leave_the_page(opened: Watched) -> None:
     refused = opened.page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', e => String(e))")
     assert "Failed to fetch" in refused
