@@ -44,7 +44,7 @@ class Verdict:
     summary: str
     findings: tuple[Finding, ...]
     cause: Cause | None = None  # the first cause in time, that the summary is about; None where nobody is suspect
-    probability: Mapping[str, float] = field(default_factory=dict)  # see `fault_probability`; empty without an estimate
+    probability: Mapping[str, float] = field(default_factory=dict)  # see `fault_probability`; empty if none tells
     flights: tuple[FlightVerdict, ...] = ()  # each by itself, where the log holds several
 
     @property
@@ -71,6 +71,8 @@ def decide(
     shares = _with_autopilot(probability, findings)
     whole = _as_sure(_decided(agreements, findings, best, source, probability), shares)
     probability = _with_readings(shares, whole.cause)
+    if whole.status == "insufficient_data" and best is not None and best.contradicted:
+        probability = {}  # they are of a model that does not hold
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in whole.findings if f.start_s <= end and f.end_s > start)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.answer import CAUSES
-from companion.comparison import GENERIC
+from companion.comparison import GENERIC, Agreement
 from companion.comparison.imu_noise import FlightDensity
 from companion.comparison.imu_spec import ReferenceSpec
 from companion.comparison.reference import Limits, reference_at
@@ -24,6 +24,7 @@ from companion.verdict.deviations import deviations_of
 from companion.verdict.fault_interval import EstimatorDeviation, FaultInterval, cause_of, described, fault_intervals
 from companion.verdict.finding import Finding
 from companion.verdict.findings.detect import findings
+from companion.verdict.verdict import decide
 from tests.flights import turned
 from tests.verdict.deviating import off_by
 
@@ -571,6 +572,8 @@ def test_where_an_imu_is_contradicted_no_sensor_is_accused_and_not_the_imu_alone
         for estimate in (noisy, best):
             (told,) = findings_of((one,), (off_by("position", ONSET + 1.0, ONSET + 5.0, 100.0, 1.0),), estimate)
             assert told.undecided == (estimate is noisy)
+            verdict = decide([Agreement(5.0, 9, {}, {"attitude": 1.0})], (told,), estimate, "RAW_IMU", {"imu": 0.999})
+            assert (verdict.status == "insufficient_data") == told.undecided == (not verdict.probability)
 
 
 @pytest.mark.parametrize(("begun", "misled"), [(ONSET, 1), (ONSET - 12.0, 0)], ids=["with it", "before"])
