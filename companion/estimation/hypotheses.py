@@ -55,13 +55,11 @@ def _plus_minus(value: float, sigma: float, decimals: int) -> str:
 
 def by_axes(sensor: str, error: str, unit: str, factor: float, decimals: int, size: Size) -> str:
     """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
-    parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
-    spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
+    values, sigma = factor * size.value, factor * size.sigma
     if axis := main_axis(size.value):
-        own = factor * float(size.value["xyz".index(axis)])
-        return f"{sensor} {axis} {error} {_plus_minus(own, size.sigma * factor, decimals)} {unit}"
-    every = ", ".join(f"{name} {part}" for name, part in zip("xyz", parts, strict=True))
-    return f"{sensor} {error} {every} {spread}"
+        return f"{sensor} {axis} {error} {_plus_minus(float(values['xyz'.index(axis)]), sigma, decimals)} {unit}"
+    every = ", ".join(f"{name} {value:z.{decimals}f}" for name, value in zip("xyz", values, strict=True))
+    return f"{sensor} {error} {every} ± {sigma:.{decimals}f} {unit}"
 
 
 def by_length(what: str, unit: str, size: Size, axes: Sequence[str] = ("north", "east")) -> str:

@@ -59,8 +59,7 @@ def _with_turned_field(
     changed, by_level = np.zeros(len(compass.t), np.complex128), np.zeros((len(compass.t), 2, 2))
     constants, residual = compass.constants.copy(), compass.residual.copy()
     for one, own, so_far in sized:
-        which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 2), np.zeros(2)
-        size[which] = so_far
+        which, size = _of_all_axes(one, so_far, 2)
         as_complex = complex(*size)
         changed += one.change_of_field(compass.t, level, as_complex)
         by_level += jacobian(partial(one.change_of_field, compass.t, size=as_complex), level)
@@ -86,8 +85,7 @@ def _turned(compass: Measurement, iron: Array, sized: Iterable[_Sized], of_field
     field = compass.constants[:, 0, _SOFT_IRON][:, :3] @ iron.T
     changes_field = np.r_[_FIELD, _BY_FIELD, *of_field]
     for one, own, so_far in sized:
-        which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, 3), np.zeros(3)
-        size[which] = so_far
+        which, size = _of_all_axes(one, so_far, 3)
         share = activation(one.shape, np.array([one.onset]), np.array([one.end]), compass.t, compass.t)[0][:, None]
         by = quaternion.to_matrix(quaternion.exp(share * size))
         after = (by @ field[..., None])[..., 0]
@@ -100,6 +98,13 @@ def _turned(compass: Measurement, iron: Array, sized: Iterable[_Sized], of_field
         compass = replace(compass, residual=compass.residual - (after - field), states=states, constants=constants)
         field = after
     return compass
+
+
+def _of_all_axes(one: Candidate, so_far: Array, axes: int) -> tuple[slice, Array]:
+    """Which of all axes a candidate changes, and its size in all of them (axes,): zero in the others."""
+    which, size = slice(one.axis, one.axis + 1) if one.axis >= 0 else slice(0, axes), np.zeros(axes)
+    size[which] = so_far
+    return which, size
 
 
 def jacobian(changed: Callable[[complex], npt.NDArray[np.complex128]], at: complex) -> Array:
