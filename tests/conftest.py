@@ -64,9 +64,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     The other slow ones follow: what is left for the end is short, and no process is alone with it. What tests/long.txt
     names is left out by `make test`.
     """
-    named = set(LONG.read_text(encoding="utf-8").split())
+    named = set(LONG.read_text(encoding="utf-8").splitlines())
     for item in items:
-        if {item.location[0], item.nodeid.split("[")[0]} & named:
+        if {item.location[0], item.nodeid.split("[")[0], item.nodeid} & named:
             item.add_marker(pytest.mark.long)
     long = {item.location[0] for item in items if {"browser", "cluster"} & set(getattr(item, "fixturenames", ()))}
     for item in items:

@@ -147,7 +147,8 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    for name in (command,) if command in COMMANDS else COMMANDS:
+    names = (command,) if command in COMMANDS else () if command == "--version" else COMMANDS
+    for name in names:
         about, own = COMMANDS[name], name.replace("-", "_")
         module = import_module(f"companion.cli.{about.module or own}")
         added = commands.add_parser(

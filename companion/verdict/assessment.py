@@ -63,7 +63,7 @@ from companion.verdict.finding import Finding
 from companion.verdict.findings.aiding import screened_aiding
 from companion.verdict.findings.axes import misread_finding, righted_compasses, turned_others
 from companion.verdict.findings.detect import findings, reading_faults, when_lost
-from companion.verdict.findings.stuck import missed_findings
+from companion.verdict.findings.stuck import any_stands_still, missed_findings
 from companion.verdict.verdict import Verdict, decide
 
 
@@ -217,7 +217,7 @@ def assess(
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     estimate = partial(smooth, confusion=confusion, effort=effort)
-    made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ, effort.looks_again)
+    made, more = _best(own, judged, faults, unjudged(parts), before, estimate, differ, effort)
     best = made if isinstance(made, BestEstimate) else None
     turned = turned_others(seen, judged.track, faults := [*faults, *more, *frozen], best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
@@ -271,7 +271,7 @@ def _best(
     before: BestEstimate | None,
     estimate: Callable[..., BestEstimate],
     differ: bool,
-    looks_again: float,
+    effort: Effort,
 ) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are invalid; or why there is none.
 
@@ -279,38 +279,59 @@ def _best(
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
     GPS tells of these: a compass and gravity by themselves fit many ways.
     uncontrolled: spans (s, boot clock) in which the vehicle is out of control. estimate: `smooth`. differ: whether so
-    many windows that they are judged are outside of what is expected. looks_again: linearisations of the
-    estimate, after which the readings are not looked at again.
+    many windows that they are judged are outside of what is expected.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
         return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
     untrusted = [*uncontrolled, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
     again = partial(estimate, imu=imu, gravity=gravity, untrusted=untrusted)
+    looked = partial(_looked, flight, comparison, faults, effort)
     try:
-        best = again(flight, before=before)
+        best, new = looked(partial(again, before=before))
     except NoEstimateError as why:
         calm = between(uncontrolled, comparison.track.t) if uncontrolled else ()
         if not calm:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
             again = partial(again, span=max(calm, key=lambda one: one[1] - one[0]))
-            best = again(flight)
+            best, new = looked(again)
         except NoEstimateError:
             return why, []
-    righted, new, turned_itself = flight, list[Finding](), any(f.kind == "axes_wrong" for f in faults)
-    if best.linearisations < looks_again:
-        new = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
-        if not new and not turned_itself:
-            righted, new = righted_compasses(flight, best, again)
+    righted, turned_itself = flight, any(f.kind == "axes_wrong" for f in faults)
+    if not new and not turned_itself and best.linearisations < effort.looks_again:
+        righted, new = righted_compasses(flight, best, again)
     if new:
         every = [*faults, *new]
-        best_so, more = _best(righted, comparison, every, uncontrolled, before, estimate, differ, looks_again)
+        best_so, more = _best(righted, comparison, every, uncontrolled, before, estimate, differ, effort)
         return best_so, [*new, *more]
-    if not differ or "gps_position" not in best.residuals or turned_itself or best.linearisations >= looks_again:
+    if not differ or "gps_position" not in best.residuals or turned_itself or best.linearisations >= effort.looks_again:
         return best, []
     other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
+
+
+def _looked(
+    flight: Flight,
+    comparison: Comparison,
+    faults: Sequence[Finding],
+    effort: Effort,
+    smooth: Callable[..., BestEstimate],
+) -> tuple[BestEstimate, list[Finding]]:
+    """The best estimate, and the axes that it says are stuck.
+
+    Where an axis reads the same for a while the first cause may show already that it is stuck: every further one would
+    explain what it missed meanwhile.
+    """
+    first = replace(effort, most_causes=min(1, effort.most_causes))
+    for one in (first, effort) if any_stands_still(comparison, flight) else (effort,):
+        best, new = smooth(flight, effort=one), list[Finding]()
+        if best.linearisations < effort.looks_again:
+            apart = partial(smooth, before=None, effort=first)
+            new = [f for f in missed_findings(comparison, best, flight, apart) if f not in faults]
+        if new or len(best.explained) < one.most_causes:
+            break
+    return best, new
 
 
 def _independent(best: BestEstimate | None) -> BestEstimate | None:

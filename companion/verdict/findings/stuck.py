@@ -379,6 +379,18 @@ def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
     return float((np.diff(angle) / np.diff(at)).std()) > check.MISSED_CONFIRMED * missed.size
 
 
+def any_stands_still(comparison: Comparison, flight: Flight) -> bool:
+    """Whether an axis of a sensor reads the same for so long in the air that it may be stuck."""
+    track = comparison.track
+    judged = judged_at(flight, track.t)
+    return any(
+        judged[first] and judged[last]
+        for sensor in (Sensor(track, "gyro"), Sensor(track, "accel"))
+        for axis in range(3)
+        for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.window_s)
+    )
+
+
 def _missed(comparison: Comparison, best: BestEstimate, judged: BoolArray) -> Iterator[_Missed]:
     """Axes that read the same while the estimate moves along them by far more than they miss elsewhere.
 
