@@ -208,19 +208,28 @@ def _lasting(
 
     known_to: (K,) 1σ of the best estimate. judged: (K,) where chance might have made one.
     """
-    t, sigma = best.t, np.hypot(known_to, healthy.AP_SIGMA[name])
-    evidence, in_all = error_log_bayes(name, value, sigma), float(np.diff(t)[judged[1:]].sum())
-    for first, last in runs(judged & (value > _LEAST[name]) & (evidence > 0.0)):
-        before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
-        stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
-        here = slice(first, last + 1)
-        weighed = _strongest_part(t[here], evidence[here], check.SUDDEN_S if stepped else healthy.DEVIATION_S[name])
-        if weighed is None:
-            continue
-        peak = first + int(np.argmax(value[here]))
-        confirmed = _confirmed_by_imu(best, reference, name, value, peak)
-        size = float(value[peak]), float(sigma[peak])
-        yield EstimatorDeviation(name, float(t[first]), float(t[last]), *size, *weighed, in_all, confirmed)
+    sigma = np.hypot(known_to, healthy.AP_SIGMA[name])
+    evidence, in_all = error_log_bayes(name, value, sigma), float(np.diff(best.t)[judged[1:]].sum())
+    is_off = (value > _LEAST[name]) & (evidence > 0.0)
+    for part in _parts(best.t, judged, healthy.DEVIATION_S[name]):
+        t, own = best.t[part], value[part]
+        for first, last in runs(is_off[part]):
+            before = own[max(first - 2, 0) : first]  # one keyframe may lie within the step
+            stepped = len(before) > 0 and own[first] - before.min() > check.SUDDEN * own[first]
+            here = slice(first, last + 1)
+            least = check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]
+            if (weighed := _strongest_part(t[here], evidence[part][here], least)) is None:
+                continue
+            peak = int(part[first + int(np.argmax(own[here]))])
+            confirmed = _confirmed_by_imu(best, reference, name, value, peak)
+            size = float(value[peak]), float(sigma[peak])
+            yield EstimatorDeviation(name, float(t[first]), float(t[last]), *size, *weighed, in_all, confirmed)
+
+
+def _parts(t: Array, judged: BoolArray, apart: float) -> list[IntArray]:
+    """Keyframes at times t (K,) that are judged, in parts that are so far apart, s: a gap ends no error."""
+    known = np.flatnonzero(judged)
+    return np.split(known, np.flatnonzero(np.diff(t[known]) > apart) + 1)
 
 
 def _strongest_part(t: Array, evidence: Array, least: float) -> tuple[float, float] | None:

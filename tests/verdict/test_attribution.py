@@ -64,6 +64,17 @@ def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstim
     assert findings_of((), (), best) == []
 
 
+@pytest.mark.parametrize(("lost", "parts"), [(2.0, 1), (9.0, 2)], ids=["a gap", "too long to know"])
+def test_a_gap_of_a_log_ends_no_deviation(flight: Flight, best: BestEstimate, lost: float, parts: int) -> None:
+    off = headed(flight, 40.0)
+    attitude = off.require_attitude()
+    known = np.flatnonzero(np.abs(attitude.t - (ONSET + 12.0)) > 0.5 * lost)
+    rest = replace(attitude, t=attitude.t[known], q_ned_frd=attitude.q_ned_frd[known], rates=attitude.rates[known])
+    found = estimator_deviations(replace(off, attitude=rest), best, Limits())
+    assert [one.quantity for one in found] == ["heading"] * parts
+    assert found[-1].end > ONSET + 12.0 + 0.5 * lost
+
+
 @pytest.mark.parametrize(("flown_on", "misled"), [(0, True), (1, False)])
 def test_an_imu_that_the_autopilot_did_not_fly_on_misleads_nobody(
     flight: Flight, best: BestEstimate, flown_on: int, misled: bool
