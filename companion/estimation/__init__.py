@@ -33,10 +33,9 @@ from companion.estimation.model import (
     corrected,
     without_errors,
 )
-from companion.estimation.readings import at_rest
+from companion.estimation.readings import at_rest, receiver_of
 from companion.estimation.result import allowing
 from companion.estimation.search import times_of_change
-from companion.estimation.setup import receiver_of
 from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.smoother import Effort, smooth
 from companion.model import IntArray

@@ -172,6 +172,16 @@ def three_samples(track: ImuTrack, samples: IntArray, apart_s: float, *, before:
     return np.asarray(first[:, None] + apart * np.arange(3))
 
 
+def receiver_of(flight: Flight, t: Array) -> GpsTrack | None:
+    """The receiver with the most fixes from the first to the last of times t (N,), s; None where none has enough."""
+
+    def fixes(one: GpsTrack) -> int:
+        return int(((one.fix_type >= 3) & (one.t >= t[0]) & (one.t <= t[-1])).sum())
+
+    best = max(flight.gps, key=fixes, default=None)
+    return best if best is not None and fixes(best) >= num.MIN_FIXES else None
+
+
 def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """Mean rates (K, 3) about keyframes t (K,) and their 1σ (K,), rad/s, and whether the vehicle rests there (K,).
 
@@ -182,14 +192,14 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     index = np.searchsorted(track.t, t)
     half = max(2, round(0.25 * track.rate_hz))
     low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
-    count = (high - low)[:, None]
-    mean, spread = [], []
-    for values in (track.gyro, track.accel):
-        first, second = (np.concatenate([np.zeros((1, 3)), np.cumsum(v, axis=0)]) for v in (values, values**2))
-        average = (first[high] - first[low]) / count
-        variance = (second[high] - second[low]) / count - average**2
-        mean.append(average)
-        spread.append(np.sqrt(np.maximum(variance, 0.0)).max(axis=1))
+    count = high - low
+    mean, spread = np.empty((2, len(t), 3)), np.zeros((2, len(t)))
+    for sensor, axis in np.ndindex(2, 3):  # an axis at a time: of a long flight the sums of all are more than the track
+        values = (track.gyro, track.accel)[sensor][:, axis]
+        first, second = (np.append(0.0, np.cumsum(v)) for v in (values, values**2))
+        mean[sensor, :, axis] = (first[high] - first[low]) / count
+        variance = (second[high] - second[low]) / count - mean[sensor, :, axis] ** 2
+        spread[sensor] = np.maximum(spread[sensor], np.sqrt(np.maximum(variance, 0.0)))
     still = np.zeros(len(t), np.bool_) if armed is None else ~armed  # where nothing is said of them, motors may run
     steps = (track.gyro_step, track.accel_step)
     for quiet, step, most in zip(spread, steps, healthy.REST_CHANGE, strict=True):
@@ -197,7 +207,7 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     force = np.linalg.norm(mean[1], axis=1)
     still &= np.abs(force - STANDARD_GRAVITY) < healthy.REST_FORCE * STANDARD_GRAVITY
     still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < healthy.REST_TURN_RPS * force
-    for gps in flight.gps[:1]:
+    if (gps := receiver_of(flight, track.t)) is not None:
         speed = np.linalg.norm(gps.velocity[:, :2], axis=1)
         good = np.isfinite(speed) & (gps.fix_type >= 3)
         if good.sum() > 1:
@@ -207,7 +217,7 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     calm = still.copy()
     calm[1:] &= still[:-1]
     calm[:-1] &= still[1:]
-    own = [values * np.sqrt(2.0 / count[:, 0]) for values in spread]
+    own = spread * np.sqrt(2.0 / count)
     calm &= _change(mean[1], still) < healthy.REST_FORCE_SIGMAS * own[1]  # else gravity turns
     return mean[0], np.maximum(own[0], 0.5 * _change(mean[0], still)), np.asarray(calm)
 

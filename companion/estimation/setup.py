@@ -13,7 +13,7 @@ from companion.estimation.aiding_sensors import FIXED, RECEIVER_MOTION, SENSORS,
 from companion.estimation.differences import Differences, in_blocks, weighed
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
-from companion.estimation.readings import Intake, Readings
+from companion.estimation.readings import Intake, Readings, receiver_of
 from companion.model import (
     Array,
     BoolArray,
@@ -97,7 +97,7 @@ def set_up(
     if (median_g := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > healthy.MAX_MEDIAN_G:
         why = f"its accelerometer reads {median_g:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
-    gps = receiver_of(flight, track)
+    gps = receiver_of(flight, track.t)
     lasts = float(track.t[-1] - track.t[0])
     spacing = float(np.clip(lasts / keyframes, *num.KEYFRAME_SPACING_S))
     spacing = max(spacing, lasts / num.MAX_KEYFRAMES, 1.5 / track.rate_hz)
@@ -138,16 +138,6 @@ def _shock_rate(track: ImuTrack, index: IntArray, scattering: Array) -> Array:
         striking |= scattering[:, column] >= check.STRIKING_SCATTER
         out[:, column] = np.where(striking, 1.0, priors.CALM_SHOCK_RATE)
     return out
-
-
-def receiver_of(flight: Flight, track: ImuTrack) -> GpsTrack | None:
-    """The receiver with the most fixes in the IMU's time: that of the estimate. None where none has enough."""
-
-    def fixes(one: GpsTrack) -> int:
-        return int(((one.fix_type >= 3) & (one.t >= track.t[0]) & (one.t <= track.t[-1])).sum())
-
-    best = max(flight.gps, key=fixes, default=None)
-    return best if best is not None and fixes(best) >= num.MIN_FIXES else None
 
 
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> IntArray:

@@ -77,9 +77,10 @@ def boundary(imu: str) -> Iterator[None]:
     except NoEstimateError:
         raise
     except (DataError, np.linalg.LinAlgError) as error:
+        why = error if isinstance(error, DataError) else "the equations of the estimate have no solution"
         raise NoEstimateError(
             imu,
-            f"its readings do not determine a trajectory ({error})",
+            f"its readings do not determine a trajectory ({why})",
             "Look at them with `companion info`; try another IMU: --imu.",
         ) from error
 

@@ -8,7 +8,7 @@ from itertools import cycle
 import numpy as np
 
 from companion.comparison import length, window
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, receiver_of
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight
 from companion.present import cause_lines, facts, heading, palette, paragraph, table, text, timeline, vehicle_words
 from companion.report import traces
@@ -77,7 +77,7 @@ def _panels(incident: Incident, flight: Flight, best: BestEstimate | None) -> It
             moved = down - down[np.argmin(np.abs(t))]
             yield traces.Panel("height, m", [traces.line(t, -moved, "estimator", palette.AUTOPILOT)])
             speeds = [("estimator", palette.AUTOPILOT, position.t, position.velocity)]
-            for one in flight.gps[:1]:
+            if (one := receiver_of(flight, position.t)) is not None:
                 known = np.isfinite(one.velocity[:, :2]).all(axis=1)  # the down part alone is not in every message
                 speeds.append(("GPS", palette.GPS, one.t[known], np.nan_to_num(one.velocity[known])))
             yield traces.Panel("speed, m/s", _lines(incident, speeds, length))

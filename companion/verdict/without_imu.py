@@ -21,7 +21,7 @@ from companion.comparison import (
     wrapped,
 )
 from companion.constants import check, healthy
-from companion.estimation import CONSTANTS
+from companion.estimation import CONSTANTS, receiver_of
 from companion.model import Array, BoolArray, Flight, GpsTrack, IntArray, interpolated, ned_from_geodetic
 from companion.strapdown import quaternion
 from companion.verdict.deviations import at_first, beyond_the_sphere, least_deviation
@@ -76,11 +76,11 @@ def _confirmed(jump: Finding, disagreeing: Sequence[Finding]) -> Finding:
 
 
 def _off_gps(flight: Flight, limits: Limits) -> Iterator[_Apart]:
-    """Position, height and velocity against the first receiver, the first two as they were when each flight began."""
+    """Position, height and velocity against the receiver with the most fixes, the first two as each flight began."""
     position = flight.position
-    if position is None or len(position) < 2 or not flight.gps or not len(flight.gps[0]):
+    if position is None or len(position) < 2 or (gps := receiver_of(flight, position.t)) is None:
         return
-    gps, late = flight.gps[0], CONSTANTS["gps_latency"][1]
+    late = CONSTANTS["gps_latency"][1]
     t, place, known = gps.t, _place(gps), known_at(position.t, gps.t, limits.longest_step(position.t))
     known &= (gps.fix_type >= check.FIX_3D) & np.isfinite(place).all(axis=1)
     which, judged = _judged(flight, t)

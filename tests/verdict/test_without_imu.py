@@ -71,6 +71,15 @@ def test_a_gps_that_leaves_the_position_accuses_nobody() -> None:
     assert "gps_disagrees" in {f.kind for f in said.findings}
 
 
+def test_a_receiver_without_a_fix_hides_no_other() -> None:
+    """Autopilots number receivers as they are wired: the first may have none."""
+    flight = shifted(flown(CIRCLE), 25.0, 40.0, 60.0)
+    (gps,) = flight.gps
+    searching = replace(gps, instance=1, fix_type=np.zeros_like(gps.fix_type))
+    said = verdict(replace(flight, gps=(searching, gps)))
+    assert (said.status, said.summary) == ("autopilot_suspect", verdict(flight).summary)
+
+
 @pytest.mark.parametrize("angle", [0.8, -0.8])
 def test_a_heading_that_steps_away_from_its_compass_accuses_nobody(angle: float) -> None:
     said = verdict(turned(flown(CIRCLE), 30.0, angle))

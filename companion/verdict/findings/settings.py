@@ -214,7 +214,7 @@ def _digits(value: Array) -> str:
 
 def _receiver_number(flight: Flight, best: BestEstimate) -> int:
     """The number, from 1 on, that ArduPilot's parameters give to the receiver of the best estimate."""
-    gps = receiver_of(flight, best.imu)
+    gps = receiver_of(flight, best.imu.t)
     return 1 if gps is None else gps.instance + 1
 
 

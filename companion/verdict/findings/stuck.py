@@ -380,14 +380,14 @@ def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
 
 
 def any_stands_still(comparison: Comparison, flight: Flight) -> bool:
-    """Whether an axis of a sensor reads the same for so long in the air that it may be stuck."""
-    track = comparison.track
-    judged = judged_at(flight, track.t)
+    """Whether an axis of a sensor reads exactly the same for so long in the air that it may be stuck."""
+    track, judged = comparison.track, judged_at(flight, comparison.track.t)
+    least_s = healthy.STUCK_S * still_window_s(track)
     return any(
         judged[first] and judged[last]
-        for sensor in (Sensor(track, "gyro"), Sensor(track, "accel"))
-        for axis in range(3)
-        for first, last in standing_still(sensor.same[:, axis], track.t, healthy.STUCK_S * sensor.window_s)
+        for readings in (track.gyro, track.accel)
+        for same in (readings[1:] == readings[:-1]).T
+        for first, last in standing_still(same, track.t, least_s)
     )
 
 
