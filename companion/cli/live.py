@@ -314,7 +314,7 @@ class StatusLine:
         if health.unsigned or health.wrongly_signed:
             parts.append(f"{health.unsigned + health.wrongly_signed} not signed with our key")
         several = len(session.requested) > 1
-        parts += [f"{who} lost {share:.1%}" if several else f"lost {share:.1%}" for who, share in session.lost.items()]
+        parts += [f"{f'{who} ' * several}lost {100.0 * share:.1f} %" for who, share in session.lost.items()]
         if (clock := session.report().clock) is not None:
             parts.append(f"latency {clock.latency_ms:.0f} ms")
         if session.recorder is not None:

@@ -127,7 +127,7 @@ def _sampled(sampling: Sampling, rate_hz: float) -> Iterator[str]:
     elif sampling.corner_hz:
         share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), rate_hz, sampling)[0])
         yield f"Sampling: after a low-pass of {sampling.corner_hz:.0f} Hz ({source})"
-        yield f"Aliasing: {share:.0%} of the white noise is folded from above {rate_hz / 2:.1f} Hz"
+        yield f"Aliasing: {100.0 * share:.0f} % of the white noise is folded from above {rate_hz / 2:.1f} Hz"
     else:
         seen = sampling.source == "spectrum"
         yield "Sampling: " + (f"no low-pass ({source})" if seen else "assumed unfiltered (not stated in the log)")

@@ -176,7 +176,7 @@ def _errors(errors: Sequence[AutopilotError]) -> Table:
     return shown
 
 
-_LANES_WIDTH = 100
+_LANES_WIDTH = 100  # columns, at most: longer lines are hard to read
 
 
 def lanes_options(parser: options.Parser) -> None:
@@ -197,8 +197,9 @@ def run_lanes(arguments: argparse.Namespace) -> int:
 
 def _lane_lines(lanes: Lanes, best: BestEstimate) -> Iterator[str | Table]:
     yield f"By the best estimate of {best.imu.source}, {best.t[0]:.1f}-{best.t[-1]:.1f} s, without the estimator's own"
+    width = min(tables.console().width, _LANES_WIDTH)
     for line in lane_lines(lanes):
-        yield from tables.wrapped(line, _LANES_WIDTH, 2)
+        yield from tables.wrapped(line, width, 2)
     for span in lanes.spans:
         if span.lanes:
             title = capitalised(words(span.what))

@@ -224,7 +224,7 @@ def facts(incident: Incident) -> Iterator[tuple[str, str]]:
 
 def _output(one: Output) -> str:
     end = "full" if one.end == "full" else "lowest"
-    return f"{one.name} at its {end} output from {one.since_s:+.2f} s on (usually {one.usual:.0%})"
+    return f"{one.name} at its {end} output from {one.since_s:+.2f} s on (usually {100.0 * one.usual:.0f} %)"
 
 
 def timeline(incident: Incident) -> Iterator[tuple[str, str, str]]:

@@ -39,11 +39,12 @@ def test_the_switch_away_from_the_faulty_imu_was_right(switched: str, capsys: Ca
     assert not off["EKF3 core 1"]
 
 
-def test_the_lines_are_of_a_terminals_width(switched: str, capsys: Captured) -> None:
+def test_the_lines_are_of_a_terminals_width(switched: str, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     assert main(["lanes", switched]) == 0
     printed = capsys.readouterr().out
     assert "right (over 99.9 % that it is nearer to the truth)" in " ".join(printed.split())
-    assert max(map(len, printed.splitlines())) <= 120
+    assert max(map(len, printed.splitlines())) <= 80
 
 
 def test_a_link_tells_of_what_flew_alone(capsys: Captured) -> None:

@@ -202,7 +202,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
     if rate < harm.USELESS_RATE_HZ or sampling_share > 0.5:
         evidence = f"{track.source} at {rate:.1f} Hz is too slow"
         if sampling_share > 0.05:
-            evidence += f"; sampling is {sampling_share:.0%} of the expected attitude error"
+            evidence += f"; sampling is {100.0 * sampling_share:.0f} % of the expected attitude error"
         yield Finding("rate_too_low", "data", "warning", *ends_of(track.t), evidence, f"{flight.how_to_record}.")
     yield from _gap_findings(flight, comparison)
 

@@ -216,7 +216,7 @@ def health(state: LinkState) -> str:
         row((escape(s.name), f"{s.received_hz:.0f} / {s.requested_hz:.0f} Hz", wrapped(escape(s.note))))
         for s in state.streams
     )
-    lost = "".join(f", {share:.2%} of {escape(who)} lost" for who, share in state.lost.items())
+    lost = "".join(f", {100.0 * share:.2f} % of {escape(who)} lost" for who, share in state.lost.items())
     rest = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
     if state.latency_ms is not None:
         rest.append(f"Latency {state.latency_ms:.1f} ms")

@@ -191,7 +191,7 @@ def _battery(flight: Flight, t: float) -> str:
         at = int(np.searchsorted(one.t, t, side="right")) - 1
         if at >= 0 and t - one.t[at] < _BATTERY_S:
             volts, ampere, share = (float(one[name][at]) for name in ("voltage_v", "current_a", "remaining"))
-            parts = (f"{volts:.1f} V", f"{ampere:.1f} A", f"{share:.0%}".replace("%", " %"))
+            parts = (f"{volts:.1f} V", f"{ampere:.1f} A", f"{100.0 * share:.0f} %")
             known = (part for part, value in zip(parts, (volts, ampere, share), strict=True) if np.isfinite(value))
             return ", ".join(known)
     return ""

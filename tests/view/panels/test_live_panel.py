@@ -87,6 +87,6 @@ def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
 def test_losses_latency_and_what_is_dropped() -> None:
     state = LinkState("udpin:1", frames=90, lost={"1:1": 0.1}, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
     text = Tags(live_panel.health(state)).words
-    assert "90 frames, 10.00% of 1:1 lost" in text
+    assert "90 frames, 10.00 % of 1:1 lost" in text
     assert "Latency 7.2 ms" in text
     assert "4 frames dropped: not signed, or not with our key" in text
