@@ -244,11 +244,29 @@ def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
 
 
 def probabilities_of_each(hypotheses: Sequence[Hypothesis], log_odds: Array, fault: Array) -> dict[str, Array]:
-    """The same of D data sets, (D,) each, from the log odds (H, D) of hypotheses and how likely they are harmful."""
+    """The same of D data sets, (D,) each, from the log odds (H, D) of hypotheses and how likely they are harmful.
+
+    How often anything goes wrong is known far better than how often which device does. So that there is a fault has the
+    probability that the rates of the table give, and whose it is one that is averaged over rates which are known to an
+    order of magnitude: where two devices explain the readings alike, the rates alone accuse neither.
+    """
     odds = np.concatenate([np.zeros((1, *log_odds.shape[1:])), log_odds])
     posterior = np.exp(odds - _log_sum(odds, axis=0))[1:] * fault
-    shares = dict.fromkeys(("nobody", *(one.device for one in HYPOTHESES)), np.zeros(log_odds.shape[1:]))
+    shares = dict.fromkeys((one.device for one in HYPOTHESES), np.zeros(log_odds.shape[1:]))
     for hypothesis, part in zip(hypotheses, posterior, strict=True):
         shares[hypothesis.device] = shares[hypothesis.device] + part
-    shares["nobody"] = np.maximum(1.0 - sum(shares.values()), 0.0)
-    return {device: np.minimum(share, 1.0) for device, share in shares.items()}  # rounding
+    whose = _of_uncertain_rates(np.array(list(shares.values())))
+    each = dict(zip(shares, np.minimum(whose, 1.0), strict=True))  # rounding
+    return {"nobody": np.maximum(1.0 - whose.sum(axis=0), 0.0), **each}
+
+
+def _of_uncertain_rates(shares: Array) -> Array:
+    """Probabilities (device, ...) of faults, shared out anew over rates of the devices, as well as these are known."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(priors.RATE_NODES)
+    grid = np.stack(np.meshgrid(*[priors.DEVICE_RATE_SIGMA * nodes] * len(shares), indexing="ij"), axis=-1)
+    weight = np.stack(np.meshgrid(*[weights / weights.sum()] * len(shares), indexing="ij"), axis=-1).prod(axis=-1)
+    factors = np.exp(grid.reshape(-1, len(shares)))  # (nodes, device)
+    at = factors.reshape(*factors.shape, *[1] * (shares.ndim - 1)) * shares
+    total = at.sum(axis=1, keepdims=True)
+    part = np.divide(at, total, out=np.zeros_like(at), where=total > 0.0)
+    return np.asarray(np.tensordot(weight.ravel(), part, axes=1) * shares.sum(axis=0))

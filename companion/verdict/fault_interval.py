@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -349,13 +350,16 @@ def own_odds(interval: FaultInterval) -> float:
 
 def rival(interval: FaultInterval) -> tuple[str, float] | None:
     """The likeliest kind of fault of another sensor, and its probability; None where there is none."""
-    odds = np.array([0.0, *(one.log_odds for one in interval.rivals)])
-    share = np.exp(odds - odds.max())
-    share /= share.sum()
+    by_device = probabilities([replace(one, fault=1.0) for one in interval.rivals])
+    odds: dict[str, dict[str, float]] = {}  # device → kind → its odds against the likeliest of that device
+    for one in interval.rivals:
+        own = odds.setdefault(hypothesis_of(one.kind).device, {})
+        own[one.kind] = float(np.logaddexp(own.get(one.kind, -np.inf), one.log_odds))
     named: dict[str, float] = {}
-    for one, part in zip(interval.rivals, share[1:], strict=True):
-        if hypothesis_of(one.kind).device != interval.device:
-            named[one.kind] = named.get(one.kind, 0.0) + float(part)
+    for device, kinds in odds.items():
+        if device != interval.device:
+            kind, most = max(kinds.items(), key=lambda pair: pair[1])
+            named[kind] = by_device[device] / sum(math.exp(value - most) for value in kinds.values())
     return max(named.items(), key=lambda pair: pair[1]) if named else None
 
 

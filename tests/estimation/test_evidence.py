@@ -75,13 +75,26 @@ def test_what_is_never_a_fault_accuses_nobody() -> None:
 
 
 def test_probabilities_are_those_of_exclusive_hypotheses() -> None:
-    rivals = [Rival("gyro_bias", "step", np.log(70.0), 1.0), Rival("compass_field", "ramp", np.log(29.0), 1.0)]
+    rivals = [Rival("gyro_bias", "step", np.log(70.0), 1.0), Rival("gyro_scale", "step", np.log(29.0), 1.0)]
     found = probabilities(rivals)
     assert sum(found.values()) == pytest.approx(1.0)
-    assert found["imu"] == pytest.approx(0.70)
-    assert found["compass"] == pytest.approx(0.29)
+    assert found["imu"] == pytest.approx(0.99)
     assert found["nobody"] == pytest.approx(0.01)
     assert set(found) == {"nobody", *(kind.device for kind in HYPOTHESES)}
+
+
+@pytest.mark.parametrize("odds", [(10.0, 10.0, 0.0), (14.0, 9.0, 2.0), (20.0, 13.5, 12.0), (2.0, -1.0, 0.0)])
+def test_whose_fault_it_is_is_averaged_over_rates_known_to_an_order_of_magnitude(
+    odds: tuple[float, float, float],
+) -> None:
+    """Where two explain the readings alike their rates alone accuse neither; that there is a fault stays as likely."""
+    kinds = ("gyro_bias", "compass_field", "gps_position")
+    found = probabilities([Rival(kind, "step", one, 1.0) for kind, one in zip(kinds, odds, strict=True)])
+    drawn = np.array(odds) + np.log(10.0) * np.random.default_rng(2).standard_normal((400_000, 3))
+    shares = (np.exp(drawn) / np.exp(drawn).sum(axis=1, keepdims=True)).mean(axis=0)
+    assert found["nobody"] == pytest.approx(1.0 / (1.0 + np.exp(odds).sum()))
+    expected = (1.0 - found["nobody"]) * shares
+    assert [found[device] for device in ("imu", "compass", "gps")] == pytest.approx(expected, abs=0.01)
 
 
 def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:

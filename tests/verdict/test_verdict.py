@@ -626,7 +626,7 @@ def test_a_vehicle_that_its_heartbeats_never_call_armed_rests() -> None:
     assert (off.status, off.cause and off.cause.kind) == ("imu_suspect", "gyro_bias")
 
 
-@pytest.mark.parametrize(("rate", "told"), [(0.02, False), (0.05, True), (0.1, True)])
+@pytest.mark.parametrize(("rate", "told"), [(0.01, False), (0.02, False), (0.05, True), (0.1, True)])
 def test_a_gyro_that_turns_in_a_hover_on_one_heading_accuses_no_autopilot(rate: float, told: bool) -> None:
     """A field that turns as fast the other way fits worse, and so does iron that stands for all of it that is level."""
     t = seconds(100.0, 50.0)
