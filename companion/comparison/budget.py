@@ -16,8 +16,9 @@ import numpy as np
 
 from companion.comparison.imu_spec import ImuSpec, ReferenceSpec
 from companion.comparison.reference import InterpolationError
+from companion.comparison.spans import runs
 from companion.comparison.windows import CURVATURE, RATE, SIGN, ZERO, Comparison, Windows, errors, windows
-from companion.constants import healthy, num, priors
+from companion.constants import check, healthy, num, priors
 from companion.model import Array, Phase, counted, interpolated
 from companion.noise import chi_square
 from companion.strapdown import Preintegration, Propagation
@@ -208,6 +209,28 @@ class Expected:
     position_m: float | None
     shares: Mapping[str, Mapping[str, float]]  # attitude, velocity, position → cause → part of the mean square
     inside: Mapping[str, float]  # attitude, velocity, position → share of windows inside the 95 % bound of their NEES
+    parted: Parted | None
+
+
+@dataclass(frozen=True, slots=True)
+class Parted:
+    """Successive windows, `num.MIN_WINDOWS` or more, that are all far outside in one quantity."""
+
+    quantity: str  # attitude, velocity, position
+    windows: int
+    start_s: float  # boot clock
+    end_s: float
+
+    @classmethod
+    def longest(cls, t: Array, chosen: Windows, normalised: Mapping[str, Array]) -> Parted | None:
+        """Of windows of a track at times t (N,), by the NEES (W,) of each quantity; None where there are none."""
+        far = check.PARTED * chi_square(3, num.Z_95)
+        each = ((name, *edges) for name, own in normalised.items() for edges in runs(own > far))
+        found = [(last - first + 1, name, first, last) for name, first, last in each]
+        count, name, first, last = max(found, default=(0, "", 0, 0))
+        if count < num.MIN_WINDOWS:
+            return None
+        return cls(name, count, float(t[chosen.start[first]]), float(t[chosen.end[last]]))
 
 
 def expected_over(
@@ -235,7 +258,8 @@ def expected_over(
     typical = {name: float(np.median(value)) for name, value in sigma.items()}
     lengths = float(np.degrees(typical["attitude"])), typical.get("velocity"), typical.get("position")
     inside = {name: float(np.mean(value < chi_square(3, num.Z_95))) for name, value in normalised.items()}
-    return Expected(*lengths, {name: shares_of(own) for name, own in power.items()}, inside)
+    parted = Parted.longest((corrected or comparison).track.t, chosen, normalised)
+    return Expected(*lengths, {name: shares_of(own) for name, own in power.items()}, inside, parted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +274,7 @@ class Agreement:
     windows: int  # used
     excluded: Mapping[str, int]  # windows left out, by reason
     inside: Mapping[str, float]  # attitude, velocity, position → share of the windows; empty without windows
+    parted: Parted | None = None  # where they differ for some time, however small a part of the flight that is
 
     @property
     def share(self) -> float:
@@ -258,9 +283,12 @@ class Agreement:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether enough are inside in every quantity: of three one is outside by chance in one flight of seven."""
+        """Whether enough are inside in every quantity: of three one is outside by chance in one flight of seven.
+
+        And nowhere several in a row far outside: what all windows share is the same throughout the flight.
+        """
         one = self.windows >= num.MIN_WINDOWS and (1.0 - self.share) * self.windows < 1.5
-        return one or self.share >= priors.CONSISTENT_SHARE
+        return self.parted is None and (one or self.share >= priors.CONSISTENT_SHARE)
 
     def __str__(self) -> str:
         """How many are inside, and what of."""
@@ -284,7 +312,9 @@ def agreement(
     chosen = while_judged(windows(corrected, horizon, within=within), corrected.track.t, parts)
     same = np.array_equal(corrected.track.t, along.track.t)
     expected = expected_over(along if same else corrected, chosen, usual, autopilot, corrected)
-    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
+    if expected is None:
+        return Agreement(horizon, 0, chosen.excluded, {})
+    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside, expected.parted)
 
 
 def while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:

@@ -127,6 +127,7 @@ class Hypothesis:
     min_between_imus: float = 0.0  # of an IMU: two of a vehicle differ by less in flight where both are in order
     fault_threshold: float = 0.0  # of an IMU: three times what real parts change in flight; infinite: never a fault
     rate: float = 0.1  # faults an hour
+    slow_share: float = 1.0  # how often a ramp or creep occurs beside a shape that begins at once
     max_plausible: float = np.inf  # no such fault is larger: such readings are invalid, or something else is wrong
     integrated: tuple[str, ...] = ()  # aiding sensors that read the integral of what the others read
     time_shifts: tuple[str, ...] = ()  # aiding sensors whose readings speak of another time: linear in small sizes
@@ -160,7 +161,7 @@ class Hypothesis:
     def rate_of(self, shape: str) -> float:
         """Faults an hour of one of its shapes: an IMU that is off hardly ever recovers by itself."""
         if self.device != "imu":
-            return self.rate / len(self.shapes)
+            return self.rate / len(self.shapes) * (self.slow_share if shape in SLOPED else 1.0)
         return self.rate * (priors.RECOVERING_SHARE if shape == "pulse" else 1.0)
 
     def harmful(self, shape: str) -> float:
@@ -333,7 +334,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
          device="compass", unit="µT", shapes=("step", "ramp", "pulse", "creep"), prior=30.0, min_reported=3.0,
-         signature=_field, rate=0.3, turns_field=True),
+         signature=_field, rate=0.3, slow_share=0.1, turns_field=True),  # currents come at once, iron is passed by
     Hypothesis("compass_turn", "the compass turns in its mounting",
          partial(by_number, "the compass turns by {}° in its mounting", 0, _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",

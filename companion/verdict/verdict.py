@@ -71,7 +71,8 @@ def decide(
     shares = _with_autopilot(probability, findings)
     whole = _as_sure(_decided(agreements, findings, best, source, probability), shares)
     probability = _with_readings(shares, whole.cause)
-    if whole.status == "insufficient_data" and best is not None and best.contradicted:
+    unexplained = leading_doubt(whole.findings) is None and any(one.parted is not None for one in agreements)
+    if whole.status == "insufficient_data" and (unexplained or (best is not None and best.contradicted)):
         probability = {}  # they are of a model that does not hold
     flights = []
     for (start, end), own in by_flight.items():
@@ -164,7 +165,7 @@ def _decided(
     if (lacking := _lacking(findings, lost, bool(causes), why_too_little)) is not None:
         return Verdict("insufficient_data", lacking, findings)
     enough = [one for one in agreements if one.windows >= (num.MIN_WINDOWS if one is judged else num.MANY_WINDOWS)]
-    worst = min(enough, key=lambda one: one.share, default=None)
+    worst = min(enough, key=lambda one: (one.parted is None, one.share), default=None)
     if causes:
         first = _first(causes)
         cause = stated_cause(first)
@@ -262,12 +263,17 @@ def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEst
         return doubt.evidence
     if worst is None or worst.is_consistent:
         return f"an IMU is at fault with a probability of {percent(imu)}" if imu > 1.0 - priors.ACCUSED else None
-    quantity = min(worst.inside, key=lambda name: worst.inside[name])
     why = "no single cause explains it"
     if best is None:
         why = "no independent sensor (GPS, compass) tells which is wrong"
     elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
         why = explained
+    if (part := worst.parted) is not None:
+        span = (
+            f"from {part.start_s:.1f} to {part.end_s:.1f} s ({part.windows} windows of {worst.horizon_s:g} s in a row)"
+        )
+        return f"IMU and autopilot differ in {part.quantity} by far more than expected {span}, and {why}"
+    quantity = min(worst.inside, key=lambda name: worst.inside[name])
     return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
 
 

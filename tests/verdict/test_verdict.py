@@ -616,6 +616,20 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
     assert blind.summary.endswith("No GPS data: the position could not be verified.")
 
 
+@pytest.mark.parametrize(
+    ("wrong", "quantity"), [({"gyro": (0.0, 0.0, 0.05)}, "attitude"), ({"accel": (0.0, 0.0, -1.0)}, "velocity")]
+)
+def test_what_is_off_in_the_last_quarter_of_a_flight_is_no_agreement(wrong: dict[str, Any], quantity: str) -> None:
+    """No sensor tells which of the two it is; but three windows of four agree."""
+    motion = motions.coning(seconds(110.0, 50.0), angle=0.08, frequency=0.07, amplitude=(4.0, 3.0, 1.0))
+    alone = flown(motion, gps=(), compasses=(), barometers=())
+    assert assess(alone, GENERIC).verdict.status == "consistent"
+    found = assess(misread(alone, begin=92.0, **wrong), GENERIC).verdict
+    assert found.status == "insufficient_data"
+    assert f"differ in {quantity} by far more than expected from 90.0 to 120.0 s (6 windows of 5 s" in found.summary
+    assert not found.probability, "of no fault least of all"
+
+
 def test_a_vehicle_that_its_heartbeats_never_call_armed_rests() -> None:
     """At a ground station's rate, without GPS and compass: the gyro reads its bias, and gravity tells the tilt."""
     heard = {"HEARTBEAT": MessageStats(60, 1.0, 1.0, 0)}
