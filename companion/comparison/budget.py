@@ -226,8 +226,8 @@ class Parted:
         """Of windows of a track at times t (N,), by the NEES (W,) of each quantity; None where there are none."""
         far = check.PARTED * chi_square(3, num.Z_95)
         each = ((name, *edges) for name, own in normalised.items() for edges in runs(own > far))
-        found = [(last - first + 1, name, first, last) for name, first, last in each]
-        count, name, first, last = max(found, default=(0, "", 0, 0))
+        stretches = [(last - first + 1, name, first, last) for name, first, last in each]
+        count, name, first, last = max(stretches, default=(0, "", 0, 0))
         if count < num.MIN_WINDOWS:
             return None
         return cls(name, count, float(t[chosen.start[first]]), float(t[chosen.end[last]]))

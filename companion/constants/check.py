@@ -84,6 +84,7 @@ INSTALLED_ROUNDS = 8
 REST_BLOCK_S = 0.5  # a block is as long as both need
 REST_BLOCK_SAMPLES = 5
 REST_MIN_S = 3.0
+REST_GRAVITY_SIGMA = 0.02  # m/s², 1σ of a length of gravity at rest: between two rests parts warm and settle
 REST_QUIETEST = 5.0  # percentile of the blocks that is as quiet as this IMU gets
 REST_CLUSTER_S = 0.25  # over which noise is averaged: filters make neighbouring samples alike
 

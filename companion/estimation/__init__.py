@@ -5,7 +5,7 @@ from companion.estimation.aiding_sensors import SENSORS as AIDING_SENSORS
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.differences import in_blocks
 from companion.estimation.earth_field import TurnedCompass, field_at, righted, turned_compasses
-from companion.estimation.evidence import fault_of_size, harmful, probabilities
+from companion.estimation.evidence import change_probability, fault_of_size, harmful, probabilities
 from companion.estimation.hypotheses import (
     AIDING,
     HYPOTHESES,

@@ -156,10 +156,20 @@ def fault_of_size(kind: str, size: Array, sigma: float, flight: tuple[float, flo
 
     Of what was found in several parts, each of which may be harmless.
     """
+    return _of_size(kind, size, sigma, flight, imu).fault
+
+
+def change_probability(kind: str, size: float, sigma: float, flight: tuple[float, float]) -> float:
+    """Probability that what changed by a size, known to sigma, some time in a flight (s) is a fault of a kind."""
+    one = _of_size(kind, np.array([size]), sigma, flight, None)
+    return probabilities([Rival(kind, "step", one.log_odds, one.fault)])[one.hypothesis.device]
+
+
+def _of_size(kind: str, size: Array, sigma: float, flight: tuple[float, float], imu: int | None) -> Trial:
     onset, end, weight = np.array([flight[0]]), np.array([np.inf]), np.ones(1)
     information = np.maximum(sigma, 1e-300) ** -2.0
     b, v = information * size[None], information * np.eye(len(size))[None]
-    return trial(hypothesis_of(kind), "step", (onset, end, weight), flight, b, v, imu=imu).fault
+    return trial(hypothesis_of(kind), "step", (onset, end, weight), flight, b, v, imu=imu)
 
 
 def _of_scale(

@@ -64,6 +64,7 @@ from companion.verdict.findings.aiding import screened_aiding
 from companion.verdict.findings.axes import misread_finding, righted_compasses, turned_others
 from companion.verdict.findings.detect import findings, reading_faults, when_lost
 from companion.verdict.findings.stuck import any_stands_still, missed_findings
+from companion.verdict.rest_to_rest import changed_at_rest
 from companion.verdict.verdict import Verdict, decide
 
 
@@ -222,7 +223,8 @@ def assess(
     turned = turned_others(seen, judged.track, faults := [*faults, *more, *frozen], best)
     constants = read_wrongly(best, seen, how.gravity, [*faults, *turned])
     all_findings, clean = findings(flight, judged, allowed, imu_spec, noise, autopilot, faults, best, constants, turned)
-    all_findings = when_lost(all_findings, flight, track, parts, imu_spec)
+    resting = [*changed_at_rest(seen, best, faults)]
+    all_findings = when_lost([*all_findings, *resting], flight, track, parts, imu_spec)
     third = _independent(best)
     usual = imu_spec if third is None else in_flight(imu_spec, third)
     corrected = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
@@ -234,7 +236,7 @@ def assess(
     beside = third if third is None or enough or is_judged(flight, third, how.limits) else None
     by_side: dict[str, float] = {}
     if best is not None and best.converged:
-        by_side = fault_probability(best, constant_fault_probability(constants), landed_at(parts))
+        by_side = fault_probability(best, constant_fault_probability(constants, resting), landed_at(parts))
     return Assessment(
         comparison=comparison,
         judged=judged,

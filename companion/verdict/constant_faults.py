@@ -230,9 +230,10 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
     return tuple(out)
 
 
-def constant_fault_probability(errors: Sequence[ConstantError]) -> float:
-    """That any IMU has one."""
-    return float(1.0 - np.prod([1.0 - one.probability for one in errors]))
+def constant_fault_probability(errors: Sequence[ConstantError], others: Sequence[Finding] = ()) -> float:
+    """That any IMU has one, or has what other findings say of it that the best estimate does not know."""
+    told = [one.cause.probability or 0.0 for one in others if one.cause is not None]
+    return float(1.0 - np.prod([1.0 - sure for sure in (*told, *(one.probability for one in errors))]))
 
 
 def constant_findings(errors: Sequence[ConstantError], begin: float, end: float) -> Iterator[Finding]:
