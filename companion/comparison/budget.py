@@ -214,7 +214,10 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Parted:
-    """Successive windows, `num.MIN_WINDOWS` or more, that are all far outside in one quantity."""
+    """Successive windows that are all far outside in one quantity, for as long as a flight has to be to be judged.
+
+    A launch, a gust or a touch of the ground takes some seconds.
+    """
 
     quantity: str  # attitude, velocity, position
     windows: int
@@ -225,12 +228,14 @@ class Parted:
     def longest(cls, t: Array, chosen: Windows, normalised: Mapping[str, Array]) -> Parted | None:
         """Of windows of a track at times t (N,), by the NEES (W,) of each quantity; None where there are none."""
         far = check.PARTED * chi_square(3, num.Z_95)
+        start, end = t[chosen.start], t[chosen.end]
         each = ((name, *edges) for name, own in normalised.items() for edges in runs(own > far))
         stretches = [(last - first + 1, name, first, last) for name, first, last in each]
         count, name, first, last = max(stretches, default=(0, "", 0, 0))
-        if count < num.MIN_WINDOWS:
+        least = (num.MIN_WINDOWS - 0.5) * num.JUDGED_S  # none is as long as it is called, to the sample
+        if count < num.MIN_WINDOWS or (end - start)[first : last + 1].sum() < least:
             return None
-        return cls(name, count, float(t[chosen.start[first]]), float(t[chosen.end[last]]))
+        return cls(name, count, float(start[first]), float(end[last]))
 
 
 def expected_over(

@@ -1,6 +1,6 @@
 """An accelerometer that reads another gravity at rest after a flight than before it.
 
-In flight without GPS nothing tells an error of it from a motion. At rest gravity alone does: its length does not change.
+In flight without GPS nothing tells an error of it from a motion. At rest gravity alone does: its length stays.
 """
 
 from __future__ import annotations
