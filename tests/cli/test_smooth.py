@@ -32,7 +32,7 @@ def test_what_grows_is_told_per_second(shape: str, unit: str) -> None:
         end=166.5, rivals=(Rival("compass_field", shape, 3.0, 1.0), Rival("gyro_bias", "step", 0.0, 1.0)),
     )  # fmt: skip
     (line,) = smooth.explained_lines([turns])
-    assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s (compass 91 %; " in line
+    assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s (compass 75 %; " in line
     assert "; nobody 5 %; " in line
     assert line.endswith("; runner-up: gyro bias)")
 
