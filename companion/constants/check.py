@@ -4,9 +4,7 @@ from math import comb, log, radians
 
 # The autopilot's estimator
 OVERSHOOT = 2.0  # times what misled it: a height that is off by more has another cause
-PARTED = (
-    2.0  # times the 95 % bound of a window's NEES: what all windows share reaches so far in one flight of a million
-)
+PARTED = 2.0  # times the 95 % bound of the NEES: what all windows share reaches so far in one flight of a million
 NEAR_S = 5.0  # a fault and an estimator's deviation so close in time may be one event: onsets are blurred
 SUDDEN_S = 1.0  # one that begins with a step of
 SUDDEN = 0.5  # so much of itself need not last longer

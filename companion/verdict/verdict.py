@@ -269,9 +269,8 @@ def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEst
     elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
         why = explained
     if (part := worst.parted) is not None:
-        span = (
-            f"from {part.start_s:.1f} to {part.end_s:.1f} s ({part.windows} windows of {worst.horizon_s:g} s in a row)"
-        )
+        row = f"{part.windows} windows of {worst.horizon_s:g} s in a row"
+        span = f"from {part.start_s:.1f} to {part.end_s:.1f} s ({row})"
         return f"IMU and autopilot differ in {part.quantity} by far more than expected {span}, and {why}"
     quantity = min(worst.inside, key=lambda name: worst.inside[name])
     return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
