@@ -182,11 +182,11 @@ class Scan:
         return np.stack((begun * reached, activation), axis=2)
 
 
-def scan(problem: Problem, stretches: int) -> Scan:
-    """Everything of HYPOTHESES that the flight has something to say of, between cuts into at most so many stretches."""
+def scan(problem: Problem, stretches: int, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> Scan:
+    """The hypotheses that the flight has something to say of, between cuts into at most so many stretches."""
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
-    signatures = [(hypothesis, whole) for hypothesis in HYPOTHESES if (whole := hypothesis.of(problem)) is not None]
+    signatures = [(hypothesis, whole) for hypothesis in hypotheses if (whole := hypothesis.of(problem)) is not None]
     columns: dict[str, tuple[Array, Array]] = {}
     together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,12 +50,12 @@ class Cells:
         return trial(self.hypothesis, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
 
 
-def trials(problem: Problem) -> tuple[Trial, ...]:
-    """Every hypothesis and shape with its evidence, the likeliest first."""
-    grid = scan(problem, num.SCAN_STRETCHES)
+def trials(problem: Problem, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> tuple[Trial, ...]:
+    """Every hypothesis and shape with its evidence, the likeliest first; of all of them those of other IMUs too."""
+    grid = scan(problem, num.SCAN_STRETCHES, hypotheses)
     every = [
         one
-        for hypothesis in HYPOTHESES
+        for hypothesis in hypotheses
         for shape in hypothesis.shapes
         if (one := _on_the_grid(problem, grid, hypothesis, shape)) is not None
     ]
@@ -64,7 +65,8 @@ def trials(problem: Problem) -> tuple[Trial, ...]:
         _refined(problem, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
-    fine += (one.weighed(problem) for one in of_other_imus(problem))
+    if hypotheses is HYPOTHESES:
+        fine += (one.weighed(problem) for one in of_other_imus(problem))
     return tuple(sorted(fine, key=lambda one: -one.log_odds))
 
 

@@ -8,7 +8,7 @@ is made anew with the likeliest, until none is likelier than not. Docs: mathemat
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,7 @@ def smooth(
     before: BestEstimate | None = None,
     confusion: bool = False,
     effort: Effort = Effort(),
+    enough: Callable[[BestEstimate], bool] | None = None,
 ) -> BestEstimate:
     """The best estimate of a flight's trajectory from one IMU and every aiding sensor but the autopilot's own estimate.
 
@@ -57,6 +58,7 @@ def smooth(
     untrusted: spans (s, boot clock) in which the IMU's readings are invalid: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
     confusion: whether to find out what faults would be called, and from which size on they are told from their rivals.
+    enough: asked about the estimate with the first cause alone; it ends with that one where it says so.
 
     Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
@@ -65,7 +67,7 @@ def smooth(
         begin = guesses(setup, flight) if guess is None else (guess,)
         guessed = (start_of(setup, one) for one in begin)
         starts = guessed if before is None else resuming(guessed, setup, before)
-        return explain(setup, starts, confusion=confusion, effort=effort)
+        return explain(setup, starts, confusion=confusion, effort=effort, enough=enough)
 
 
 @contextlib.contextmanager
@@ -86,7 +88,12 @@ def boundary(imu: str) -> Iterator[None]:
 
 
 def explain(
-    setup: Setup, starts: Iterable[Start], *, confusion: bool = False, effort: Effort = Effort()
+    setup: Setup,
+    starts: Iterable[Start],
+    *,
+    confusion: bool = False,
+    effort: Effort = Effort(),
+    enough: Callable[[BestEstimate], bool] | None = None,
 ) -> BestEstimate:
     """The estimate with every cause that the readings ask for: one after the other, each time the likeliest.
 
@@ -101,6 +108,21 @@ def explain(
         setup = replace(setup, bias_sigma=sigma)
         settled, linear = estimate(setup, replace(settled, near=True))
         spent += settled.linearisations
+
+    def explained() -> BestEstimate:
+        last, solved, most = settled, linear, list(rivals)
+        moves = not last.complete and last.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
+        again = range(len(accepted) - 1)  # of the last the rivals are by this very estimate
+        if moves and any(one.imu is None for one in accepted) and spent < effort.most_linearisations:
+            last, solved = estimate(setup, last, accepted)
+            again = range(len(accepted))
+        if len(accepted) > 1:
+            for i in set(again) - as_weighed:
+                most[i] = _rivals(setup, solved, accepted, i, most[i]) or most[i]
+        matrix = confusion_matrix(solved) if confusion else None
+        best = best_estimate(setup, last, solved, accepted, most)
+        return replace(best, further=further, confusion=matrix, linearisations=spent)
+
     further: tuple[Rival, ...] = ()
     while len(accepted) < effort.most_causes:
         if spent >= effort.most_linearisations:  # what has not been tried is likely or not all the same
@@ -117,17 +139,9 @@ def explain(
         else:
             further = adaptation
             break
-    moves = not settled.complete and settled.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
-    again = range(len(accepted) - 1)  # of the last the rivals are by this very estimate
-    if moves and any(one.imu is None for one in accepted) and spent < effort.most_linearisations:
-        settled, linear = estimate(setup, settled, accepted)
-        again = range(len(accepted))
-    if len(accepted) > 1:
-        for i in set(again) - as_weighed:
-            rivals[i] = _rivals(setup, linear, accepted, i, rivals[i]) or rivals[i]
-    matrix = confusion_matrix(linear) if confusion else None
-    best = best_estimate(setup, settled, linear, accepted, rivals)
-    return replace(best, further=further, confusion=matrix, linearisations=spent)
+        if enough and len(accepted) == 1 < effort.most_causes and enough(best := explained()):
+            return best
+    return explained()
 
 
 def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem]:

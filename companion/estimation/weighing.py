@@ -149,7 +149,8 @@ class Weighing:
         accepted = [*self._accepted, own.candidate]
         there = self._as_rough(_linear_at(self._setup, own.settled, self._tried[0], accepted, _sizes(own)))
         problem = without(self._setup, there, accepted, len(self._accepted))
-        refined = next(Candidate.of_trial(one) for one in trials(problem) if _name(one) == own.candidate.name)
+        alone = trials(problem, (own.candidate.hypothesis,))
+        refined = next(Candidate.of_trial(one) for one in alone if _name(one) == own.candidate.name)
         return replace(refined, log_odds=refined.log_odds - 0.5 * (whole_misfit(problem) - self._left))
 
     def _where_it_turns(self, own: Adaptation) -> Candidate:

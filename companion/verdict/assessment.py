@@ -325,14 +325,18 @@ def _looked(
     Where an axis reads the same for a while the first cause may show already that it is stuck: every further one would
     explain what it missed meanwhile.
     """
-    first = replace(effort, most_causes=min(1, effort.most_causes))
-    for one in (first, effort) if any_stands_still(comparison, flight) else (effort,):
-        best, new = smooth(flight, effort=one), list[Finding]()
+    new = list[Finding]()
+
+    def stuck(best: BestEstimate) -> bool:
         if best.linearisations < effort.looks_again:
-            apart = partial(smooth, before=None, effort=first)
-            new = [f for f in missed_findings(comparison, best, flight, apart) if f not in faults]
-        if new or len(best.explained) < one.most_causes:
-            break
+            apart = partial(smooth, before=None, effort=replace(effort, most_causes=min(1, effort.most_causes)))
+            new[:] = [f for f in missed_findings(comparison, best, flight, apart) if f not in faults]
+        return bool(new)
+
+    first = stuck if any_stands_still(comparison, flight) else None
+    best = smooth(flight, effort=effort, enough=first)
+    if not new:
+        stuck(best)
     return best, new
 
 

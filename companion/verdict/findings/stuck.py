@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -317,17 +318,15 @@ def missed_findings(
     smooth: the estimate of other sensors with the same IMU.
     """
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    apart: list[BestEstimate | None] = []
+    apart = cache(lambda aiding: _without(aiding, best, flight, smooth))
     for one in _missed(comparison, best, judged_at(flight, best.t)):
         if one.sensor.name == "gyro":
             begin, end = one.span
             meanwhile = [o for o in others if o.t[0] <= begin and o.t[-1] >= end]
             if meanwhile and not any(_turned_too(o, one, best) for o in meanwhile):
                 continue
-            if not meanwhile:
-                apart = apart or [_without(aiding, best, flight, smooth) for aiding in _AIDING]
-                if not all(other is not None and _blames(other, one) for other in apart):
-                    continue
+            if not meanwhile and not all((own := apart(aiding)) and _blames(own, one) for aiding in _AIDING):
+                continue
         yield stuck_finding(one.sensor, (one.axis,), one.first, one.last)
 
 
