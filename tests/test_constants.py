@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import companion
+from tests.test_architecture import nodes
 
 PACKAGE = Path(companion.__file__).parent
 TABLES = sorted(p for p in (PACKAGE / "constants").glob("*.py") if p.stem != "__init__")
@@ -98,7 +99,7 @@ def test_every_row_is_used(path: Path) -> None:
     assert all(hasattr(importlib.import_module(table), row) for row in rows)
     used = set[str]()
     for user in (*USERS, path):
-        for node in ast.walk(ast.parse(user.read_text(encoding="utf-8"))):
+        for node in nodes(user):
             match node:
                 case ast.Attribute(value=ast.Name(id=path.stem), attr=name):
                     used.add(name)

@@ -16,7 +16,7 @@ from companion.estimation.aiding_sensors import SLOW
 from companion.estimation.candidate import Candidate, with_candidate
 from companion.estimation.learned_noise import FIRST_NOISE
 from companion.estimation.linearisation import linearise, preintegrate_imu
-from companion.estimation.scan import scan, score
+from companion.estimation.scan import Scan, scan, score
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Problem, motion_residual
 from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
@@ -317,18 +317,23 @@ def assert_same(one: tuple[Array, Array] | None, other: tuple[Array, Array] | No
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6 * float(np.abs(b).max()))
 
 
-@pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
-def test_the_scan_says_what_the_score_of_each_onset_says(linear: Problem, name: str, shape: str) -> None:
-    """A law: columns of stretches, summed, are hypotheses from cut to cut; readings count from their keyframe on."""
-    kind = hypothesis_of(name)
+@pytest.fixture(scope="module")
+def grids(linear: Problem) -> tuple[Scan, ...]:
+    """Of readings that count from their keyframe on; of a short flight every keyframe is a cut, and none is inside."""
     at_keyframes = tuple(replace(one, t=linear.t[one.keyframe]) for one in linear.measurements)
     problem = replace(linear, measurements=at_keyframes)
+    return tuple(scan(problem, stretches) for stretches in (9, len(problem.t)))
+
+
+@pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
+def test_the_scan_says_what_the_score_of_each_onset_says(grids: tuple[Scan, ...], name: str, shape: str) -> None:
+    """A law: columns of stretches, summed, are hypotheses from cut to cut."""
+    kind = hypothesis_of(name)
     onset, end = np.array([1, 2, 5]), np.array([4, 7, 6])
     ends = shape in ("pulse", "creep")
-    for stretches in (9, len(problem.t)):  # of a short flight every keyframe is a cut, and none is inside
-        grid = scan(problem, stretches)
+    for grid in grids:
         found = grid.score(name, shape, onset, end if ends else None)
-        assert_same(found, score(problem, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
+        assert_same(found, score(grid.problem, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
 
 
 @pytest.mark.parametrize("together", [10**6, 1])
