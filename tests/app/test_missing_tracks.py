@@ -143,7 +143,14 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
     return read_recording(resting(tmp_path_factory.mktemp("source") / "flight.tlog")).source
 
 
-@pytest.mark.parametrize("row", list(covering(WITNESSES, AMOUNTS)))
+ROWS = [
+    pytest.param(row, marks=[pytest.mark.long] if number % 3 else [])
+    for number, row in enumerate(covering(WITNESSES, AMOUNTS))
+]
+"""Every third of them has every amount of every track, if not every two."""
+
+
+@pytest.mark.parametrize("row", ROWS)
 def test_a_flight_without_some_tracks_is_examined(row: Mapping[str, Amount], source: Source) -> None:
     flight = whole()
     examined(replace(flight, **{name: first(getattr(flight, name), amount) for name, amount in row.items()}), source)
