@@ -210,11 +210,12 @@ def is_misled(before: Flight, after: Flight) -> bool:
 
 
 def apart(before: Flight, after: Flight) -> dict[str, float]:
-    """Quantity → how far two estimates of a flight are apart at most, rad and m."""
-    turned = attitude_error(after.require_attitude().q_ned_frd, before.require_attitude().q_ned_frd)
+    """Quantity → how far two estimates of a flight are apart at most, rad and m, at the times that both have."""
+    own, other = before.require_attitude(), after.require_attitude()
+    turned = attitude_error(other.q_ned_frd[np.isin(other.t, own.t)], own.q_ned_frd[np.isin(own.t, other.t)])
     moved = np.zeros((1, 3))
-    if before.position is not None and after.position is not None:
-        moved = after.position.position - before.position.position
+    if (first := before.position) is not None and (then := after.position) is not None:
+        moved = then.position[np.isin(then.t, first.t)] - first.position[np.isin(first.t, then.t)]
     off = {"tilt": turned[:, :2], "heading": turned[:, 2:], "position": moved[:, :2], "height": moved[:, 2:]}
     return {quantity: float(length(values).max()) for quantity, values in off.items()}
 

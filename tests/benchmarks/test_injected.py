@@ -12,7 +12,7 @@ import pytest
 from benchmarks.accuracy import ekf
 from benchmarks.accuracy.cutting import cut, field_ned, gps_ned, thinned
 from benchmarks.accuracy.faults import FAULTS, STATED, Fault
-from benchmarks.accuracy.injected import Case, cases, flown, injected, judged
+from benchmarks.accuracy.injected import Case, cases, flown, injected, is_misled, judged
 from benchmarks.accuracy.power import detectable_table, share, smallest_found, table, wilson
 from companion.app.recording import read_recording
 from companion.model import Flight
@@ -146,6 +146,12 @@ def test_a_gps_that_jumps_is_that_far_away_and_a_compass_that_turns_turns_so_muc
     worlds = [field_ned(f.compasses[0], demo.attitude.t, demo.attitude.q_ned_frd) for f in (demo, turned)]
     before, after = (np.unwrap(np.arctan2(world[:, 1], world[:, 0])) for world in worlds)
     np.testing.assert_allclose((after - before)[demo.compasses[0].t > ONSET + 10], np.radians(30), atol=1e-6)
+
+
+def test_an_estimator_is_misled_by_what_it_is_off_by_where_both_estimates_are_known(demo: Flight) -> None:
+    wrong = named("heading steps").inject(demo, 0.3, ONSET)
+    assert is_misled(demo, cut(wrong, ONSET - 10.0, ONSET + 10.0))
+    assert not is_misled(demo, cut(wrong, ONSET - 10.0, ONSET - 1.0))
 
 
 def test_cutting_and_thinning_keep_what_there_is(demo: Flight) -> None:
