@@ -174,6 +174,20 @@ def test_no_more_is_explained_than_is_asked_for() -> None:
     assert len(both.explained) == 1
 
 
+def test_with_the_first_cause_it_is_asked_whether_that_is_enough() -> None:
+    """It goes on from there, or ends as if one cause were all that it may explain."""
+    wrong, asked = gyro_step(gps_jump(sensed(60.0, rate=50.0)[0])), list[BestEstimate]()
+
+    def never(best: BestEstimate) -> bool:
+        asked.append(best)
+        return False
+
+    whole = smooth(wrong, enough=never)
+    (first,) = asked
+    assert {one.kind for one in first.explained} < {one.kind for one in whole.explained}
+    np.testing.assert_array_equal(smooth(wrong, enough=lambda _: True).states.q_ned_frd, first.states.q_ned_frd)
+
+
 def test_a_compass_that_turns_has_its_axis() -> None:
     """As the rotation of what it reads, in the body; to first order."""
     largest = max(found_in("compass turn").explained, key=log_odds)
