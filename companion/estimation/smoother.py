@@ -109,7 +109,7 @@ def explain(
         settled, linear = estimate(setup, replace(settled, near=True))
         spent += settled.linearisations
 
-    def explained() -> BestEstimate:
+    def explained() -> tuple[BestEstimate, Problem]:
         last, solved, most = settled, linear, list(rivals)
         moves = not last.complete and last.gain >= num.LEARNING_MISFIT  # each was tried for some passes alone
         again = range(len(accepted) - 1)  # of the last the rivals are by this very estimate
@@ -119,10 +119,10 @@ def explain(
         if len(accepted) > 1:
             for i in set(again) - as_weighed:
                 most[i] = _rivals(setup, solved, accepted, i, most[i]) or most[i]
-        matrix = confusion_matrix(solved) if confusion else None
         best = best_estimate(setup, last, solved, accepted, most)
-        return replace(best, further=further, confusion=matrix, linearisations=spent)
+        return replace(best, linearisations=spent), solved
 
+    made: tuple[BestEstimate, Problem] | None = None  # with what is accepted so far
     further: tuple[Rival, ...] = ()
     while len(accepted) < effort.most_causes:
         if spent >= effort.most_linearisations:  # what has not been tried is likely or not all the same
@@ -135,13 +135,15 @@ def explain(
             accepted.append(adaptation.candidate)
             rivals.append(adaptation.rivals)
             setup, settled, linear = adaptation.setup, adaptation.settled, adaptation.linear
-            spent += adaptation.linearisations
+            spent, made = spent + adaptation.linearisations, None
         else:
             further = adaptation
             break
-        if enough and len(accepted) == 1 < effort.most_causes and enough(best := explained()):
-            return best
-    return explained()
+        if enough and len(accepted) == 1 < effort.most_causes and enough((made := explained())[0]):
+            break
+    best, solved = made or explained()
+    matrix = confusion_matrix(solved) if confusion else None
+    return replace(best, further=further, confusion=matrix, linearisations=spent)
 
 
 def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem]:
