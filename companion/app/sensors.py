@@ -141,8 +141,9 @@ def _load(part: str) -> _Part:
 
 
 @cache
-def _by_device_type(autopilot: str) -> Mapping[int, str]:
-    return {number: part for part in imu_parts() for number in getattr(_load(part).device_types, autopilot)}
+def _part_of(autopilot: str, kind: int) -> str | None:
+    """The part of the library that has this number with an autopilot."""
+    return next((part for part in imu_parts() if kind in getattr(_load(part).device_types, autopilot)), None)
 
 
 def ardupilot_id(part: str) -> int:
@@ -160,10 +161,10 @@ def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
         kind = identity >> 16 & 0xFF
         if not identity:
             continue
-        if part := _by_device_type(autopilot).get(kind):
-            return load_imu_spec(part, f"{parameter} = {identity}")
-        if kind == _SIMULATED[autopilot]:
+        if kind == _SIMULATED[autopilot]:  # no part of the library: it need not be read
             return load_imu_spec("generic-mems", f"{parameter} is {name}'s simulated IMU")
+        if part := _part_of(autopilot, kind):
+            return load_imu_spec(part, f"{parameter} = {identity}")
         return load_imu_spec("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
     return load_imu_spec("generic-mems", "the vehicle's parameters name no part")
 
