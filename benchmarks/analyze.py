@@ -6,6 +6,7 @@ The bundled flight, one with a fault, and simulated ones of 100 Hz, written in p
 landing, armed all the while, one boot. Each is analysed in a process of its own. Its CPU time (user and system) is
 asked for every 5 ms of it and counted to the stage whose functions are on the stack then; peak memory is the most that
 was resident during a stage, the interpreter and the libraries (the last column of the first line) included.
+Last comes what a second thread would gain.
 
 Ten hours: `--minutes 600`, which takes ten times as long as an hour.
 """
@@ -22,11 +23,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import CodeType, FrameType
+from typing import Any
 
-import msgspec
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")  # read when NumPy is imported
+
+import msgspec  # noqa: E402
+import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "companion"
@@ -135,7 +142,7 @@ def measure(path: Path) -> Measured:
 def in_a_process(path: Path, repeats: int) -> Measured:
     """The one of several whose CPU time is the median."""
     command = [sys.executable, __file__, "--measure", str(path)]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     runs = [
         msgspec.json.decode(
             subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout, type=Measured
@@ -214,6 +221,30 @@ def print_tables(found: dict[str, Measured]) -> None:
         print(f"{name:14}{one.samples:11,}{each:11.1f}{each / cheapest:11.2f}{room:11.0f}   {one.status}")
 
 
+def print_threads() -> None:
+    """What a second thread would gain where the most time of a long flight goes: each half of the blocks or samples."""
+    from companion.strapdown import motions, preintegrate  # noqa: PLC0415
+
+    blocks = np.random.default_rng(0).standard_normal((1200, 24, 24))
+    definite = blocks @ blocks.swapaxes(1, 2) + np.eye(24)
+    imu = motions.coning(np.arange(360_000) / 100.0).imu
+    jobs: dict[str, tuple[Callable[[Any], object], Any]] = {
+        "products": (lambda part: part @ part, blocks),
+        "roots": (np.linalg.cholesky, definite),
+        "integration": (preintegrate, imu),
+    }
+    print(f"\n{'two threads':14}{'one, ms':>11}{'two, ms':>11}{'x as fast':>11}")
+    with ThreadPoolExecutor(2) as threads:
+        for name, (run, whole) in jobs.items():
+            middle, both = len(whole) // 2, dict[bool, list[float]]({False: [], True: []})
+            for repeat in range(42):
+                begin = time.perf_counter()
+                _ = list(threads.map(run, (whole[:middle], whole[middle:]))) if repeat % 2 else run(whole)
+                both[bool(repeat % 2)].append(1e3 * (time.perf_counter() - begin))
+            one, two = (statistics.median(times) for times in both.values())
+            print(f"{name:14}{one:11.1f}{two:11.1f}{one / two:11.2f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[1.0, 10.0, 60.0])
@@ -232,6 +263,7 @@ def main() -> None:
             found[name] = in_a_process(path, 1 if path.stat().st_size > 20e6 else arguments.repeats)
         print(f"load: {os.getloadavg()[0]:.1f} on {os.cpu_count()} CPUs; imported: {found['demo'].imported_mb:.0f} MB")
         print_tables(found)
+        print_threads()
 
 
 if __name__ == "__main__":
