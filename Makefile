@@ -10,7 +10,7 @@ PYTEST = $(BIN)/python -m pytest --numprocesses $(shell $(PYTHON) -c 'import os;
 # Without bytecode each of the many processes of the tests would compile it anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-live test test-all check fuzz bench format clean
+.PHONY: demo demo-live test test-all lint check fuzz bench format clean
 
 demo: $(VENV)/.installed  ## the bundled flight in the browser
 	$(BIN)/companion view demo --open
@@ -26,11 +26,12 @@ test: $(VENV)/.developer  ## the tests but for the long ones, on every core
 test-all: $(VENV)/.developer  ## every test: half an hour on two cores
 	$(PYTEST)
 
-check: $(VENV)/.developer  ## what CI holds: format, lint, types, tests
+lint: $(VENV)/.developer  ## format, lint, types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(PYTEST) -m "not long"
+
+check: lint test  ## what CI holds
 
 fuzz: $(VENV)/.developer  ## every reader against damaged input, SECONDS (600) for each, on two seeds
 	$(BIN)/python -m tests.fuzz --seconds $(or $(SECONDS),600) --seed 1
