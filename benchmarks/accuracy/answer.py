@@ -75,7 +75,8 @@ class Answer:
     end: float | None = None  # s
     size: float | None = None  # SI; None where it is not told
     sigma: float | None = None  # 1σ of it
-    stated: float | None = None  # probability of the side that is accused, or of nobody; None where none is stated
+    stated: float | None = None
+    """Probability of the side that is accused; of nobody, or of a sensor that misled nobody; None where none is."""
     summary: str = ""
     smallest: Mapping[str, float] = field(default_factory=dict)  # that it would have shown, SI; not judged is missing
 
@@ -94,8 +95,8 @@ def read_verdict(verdict: Verdict) -> Answer:
     side = _SIDES[verdict.status]
     first = verdict.cause
     if first is None:
-        nobody = verdict.probability.get("nobody") if side == "none" else None
-        return Answer(side, stated=nobody, summary=verdict.summary)
+        stated = max(verdict.probability.values(), default=None) if side == "none" else None
+        return Answer(side, stated=stated, summary=verdict.summary)
     cause, sensor = CAUSES.get(first.kind, (first.kind, ""))
     of_imu = verdict.probability.get("imu") if side == "imu" else None  # its readings themselves accuse it
     return Answer(
