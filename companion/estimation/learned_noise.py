@@ -63,7 +63,21 @@ def scatter(setup: Setup) -> tuple[float, float]:
 
     Not less than what may be learned at least.
     """
-    limits, (gyro, accel) = noise_limits(setup), setup.scatter
+    return _at_least(setup, setup.scatter)
+
+
+def spectral(setup: Setup) -> tuple[float, float]:
+    """The same by their spectra, where no vibration is.
+
+    Without GPS the vehicle's motion is learned as the accelerometer's noise: that is `scatter` there.
+    """
+    gyro, accel = setup.spectral_noise
+    moves = any(one.name == "calm" for one in setup.readings)
+    return _at_least(setup, (gyro, setup.scatter[1] if moves else accel))
+
+
+def _at_least(setup: Setup, shown: tuple[float, float]) -> tuple[float, float]:
+    limits, (gyro, accel) = noise_limits(setup), shown
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 

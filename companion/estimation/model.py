@@ -250,6 +250,7 @@ class BestEstimate:
     noise: ProcessNoise  # learned
     correlated: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
     scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
+    spectral: tuple[float, float]  # those where no vibration is, by their spectra
     measurement_scale: Mapping[str, float]  # aiding sensor → learned σ over the nominal one
     slow_sigma: Mapping[str, float]  # aiding sensor → learned 1σ of its slow error, in the units of its readings
     residuals: Mapping[str, Residuals]
@@ -293,6 +294,11 @@ class BestEstimate:
     def contradicted(self) -> bool:
         """Whether the IMU fits the other aiding sensors only with far more noise than it shows, at any time."""
         return self.noise.contradicts(self.scatter)
+
+    @property
+    def held_for_noise(self) -> bool:
+        """Whether it is contradicted, or needs far more than its spectra show: what is left, nothing explains."""
+        return self.contradicted or self.noise.contradicts(self.spectral)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

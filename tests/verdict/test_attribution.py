@@ -531,11 +531,15 @@ def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(fligh
     assert (severity(), severity(stuck)) == ("error", "info")
 
 
+@pytest.mark.parametrize("shown", ["between samples", "by spectra"])
 def test_where_the_imu_fits_with_far_more_noise_than_it_shows_no_other_sensor_is_accused(
-    flight: Flight, best: BestEstimate
+    flight: Flight, best: BestEstimate, shown: str
 ) -> None:
+    """Neither than between samples, nor than where no vibration is, which is all that a shaken IMU shows."""
     noisy = replace(best.noise, accel_noise=1e3 * best.scatter[1], gyro_noise=1e3 * best.scatter[0])
-    doubted = replace(best, noise=noisy, explained=(accepted("gps_motion", 30.0, 0.0),))
+    quiet = best.noise.gyro_noise / 20.0, best.noise.accel_noise / 20.0
+    doubted = replace(best, noise=noisy) if shown == "between samples" else replace(best, spectral=quiet)
+    doubted = replace(doubted, explained=(accepted("gps_motion", 30.0, 0.0),))
     (finding,) = findings_of(
         fault_intervals(doubted), estimator_deviations(headed(flight, 40.0), doubted, Limits()), doubted
     )
