@@ -29,11 +29,8 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")  # read when NumPy is imported
-
-import msgspec  # noqa: E402
-import numpy as np  # noqa: E402
+import msgspec
+import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "companion"
@@ -142,7 +139,7 @@ def measure(path: Path) -> Measured:
 def in_a_process(path: Path, repeats: int) -> Measured:
     """The one of several whose CPU time is the median."""
     command = [sys.executable, __file__, "--measure", str(path)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     runs = [
         msgspec.json.decode(
             subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout, type=Measured
@@ -236,13 +233,14 @@ def print_threads() -> None:
     print(f"\n{'two threads':14}{'one, ms':>11}{'two, ms':>11}{'x as fast':>11}")
     with ThreadPoolExecutor(2) as threads:
         for name, (run, whole) in jobs.items():
-            middle, both = len(whole) // 2, dict[bool, list[float]]({False: [], True: []})
-            for repeat in range(42):
-                begin = time.perf_counter()
-                _ = list(threads.map(run, (whole[:middle], whole[middle:]))) if repeat % 2 else run(whole)
-                both[bool(repeat % 2)].append(1e3 * (time.perf_counter() - begin))
-            one, two = (statistics.median(times) for times in both.values())
-            print(f"{name:14}{one:11.1f}{two:11.1f}{one / two:11.2f}")
+            middle, one, two = len(whole) // 2, list[float](), list[float]()
+            for _ in range(21):
+                for took, parts in ((one, (whole,)), (two, (whole[:middle], whole[middle:]))):
+                    begin = time.perf_counter()
+                    list(threads.map(run, parts))
+                    took.append(1e3 * (time.perf_counter() - begin))
+            alone, both = statistics.median(one), statistics.median(two)
+            print(f"{name:14}{alone:11.1f}{both:11.1f}{alone / both:11.2f}")
 
 
 def main() -> None:

@@ -85,8 +85,8 @@ def test_pip_installs_it_with_every_extra_from_an_index(wheel: Path, tmp_path: P
     site = subprocess.check_output([python, "-c", "import site; print(site.getsitepackages()[-1])"], text=True).strip()
     for folder in filter(Path.is_dir, map(Path, sys.path)):
         for lent in folder.iterdir() if folder.name == "site-packages" else ():
-            ours = lent.name.startswith(("mavlink_companion", "companion"))  # pip would write through the link
-            if not ours and not lent.name.startswith("_") and lent.suffix != ".pth":
+            # of an editable install companion/data is there, and pip would write the package through the link
+            if not lent.name.startswith(("mavlink_companion", "companion", "_")) and lent.suffix != ".pth":
                 with contextlib.suppress(FileExistsError):
                     Path(site, lent.name).symlink_to(lent)
     pip = [sys.executable, "-m", "pip", "--isolated", "--python", str(python), "install", "--no-compile"]

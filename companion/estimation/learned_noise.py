@@ -52,7 +52,7 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
         cause: (max(least, 0.5 * step * np.sqrt(num.TRUNCATED_S)), most)
         for cause, (least, most), step in zip(NOISES[:2], healthy.IMU_NOISE, steps, strict=True)
     }
-    if any(one.name == "calm" for one in setup.readings):
+    if _without_gps(setup):
         least, most = limits["accel_noise"]
         limits["accel_noise"] = least, float(np.clip(num.FILTERED_NOISE * setup.scatter[1], least, most))
     return limits
@@ -72,8 +72,11 @@ def spectral(setup: Setup) -> tuple[float, float]:
     Without GPS the vehicle's motion is learned as the accelerometer's noise: that is `scatter` there.
     """
     gyro, accel = setup.spectral_noise
-    moves = any(one.name == "calm" for one in setup.readings)
-    return _at_least(setup, (gyro, setup.scatter[1] if moves else accel))
+    return _at_least(setup, (gyro, setup.scatter[1] if _without_gps(setup) else accel))
+
+
+def _without_gps(setup: Setup) -> bool:
+    return any(one.name == "calm" for one in setup.readings)
 
 
 def _at_least(setup: Setup, shown: tuple[float, float]) -> tuple[float, float]:

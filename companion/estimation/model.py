@@ -296,8 +296,8 @@ class BestEstimate:
         return self.noise.contradicts(self.scatter)
 
     @property
-    def held_for_noise(self) -> bool:
-        """Whether it is contradicted, or needs far more than its spectra show: what is left, nothing explains."""
+    def has_excess_noise(self) -> bool:
+        """Whether it is contradicted, or fits only with far more process noise than its spectra show."""
         return self.contradicted or self.noise.contradicts(self.spectral)
 
     def sigma(self, block: slice) -> Array:

@@ -173,7 +173,7 @@ def of_other_imus(problem: Problem) -> tuple[Cells, ...]:
 
 def _of_another(problem: Problem, one: Differences, hypothesis: Hypothesis, shape: str) -> Cells:
     """An error of another IMU, that begins and ends within blocks of its differences."""
-    onset = np.linspace(one.t[0], one.t[-1], min(num.ONSETS_PER_BLOCK * len(one.t), num.MOST_BLOCK_ONSETS))
+    onset = np.linspace(one.t[0], one.t[-1], min(num.ONSETS_PER_BLOCK * len(one.t), num.KEYFRAMES))
     end, width = np.full(len(onset), np.inf), float(onset[1] - onset[0])
     if shape in ENDING:
         cuts = onset[:: -(-len(onset) // num.SCAN_STRETCHES)]
