@@ -18,6 +18,7 @@ from companion.model import (
     DataError,
     IntArray,
     PositionTrack,
+    bend,
     check_number,
     longest_step,
     nearest,
@@ -186,16 +187,7 @@ def _between(track: PositionTrack, i: IntArray, u: Array) -> tuple[Array, Array]
     j = np.minimum(i + 1, len(track) - 1)
     h = (track.t[j] - track.t[i])[:, None]
     p0, p1, v0, v1 = track.position[i], track.position[j], track.velocity[i], track.velocity[j]
-    return v0 + u * (v1 - v0), p0 + u * (p1 - p0) + _bend(p1 - p0, h * v0, h * v1, u)
-
-
-def _bend(moved: Array, at_start: Array, at_end: Array, u: Array) -> Array:
-    """How far a cubic Hermite is from the straight line (N, 3), at the parts u (N, 1) of the interval.
-
-    moved: over the interval; at_start, at_end: what it would be at the rates of both ends. So that large coordinates
-    lose no digits.
-    """
-    return np.asarray(u * (1 - u) * ((1 - u) * (at_start - moved) + u * (moved - at_end)))
+    return v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend(p1 - p0, h * v0, h * v1, u)
 
 
 def _interpolation_error(
@@ -231,8 +223,8 @@ def _between_samples(samples: Array, path: Preintegration, when: Array) -> tuple
     turned = length(turn_between(quaternion.slerp(path.q[a], path.q[b], u[:, 0]), path.q[k]))
     speed = length(path.v[k] - path.v[a] - u * (path.v[b] - path.v[a]))
     line = path.p[b] - path.p[a]
-    bend = _bend(line, h[:, None] * path.v[a], h[:, None] * path.v[b], u)
-    return turned, speed, length(path.p[k] - path.p[a] - u * line - bend)
+    bent = bend(line, h[:, None] * path.v[a], h[:, None] * path.v[b], u)
+    return turned, speed, length(path.p[k] - path.p[a] - u * line - bent)
 
 
 def turn_between(q: Array, later: Array) -> Array:

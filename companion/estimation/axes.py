@@ -70,7 +70,7 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     if plain.sum() < num.AXIS_MIN_INTERVALS:
         plain[:] = True
     parts = []
-    noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
+    noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.spectral, strict=True)
     for (moved, read), noise in zip(motion, map(min, noises), strict=True):
         square = (read[plain] ** 2).sum(axis=0)
         above_noise = square > num.AXIS_SIGNAL_SIGMAS**2 * noise**2 * (1.0 / seconds[plain]).sum()
@@ -109,7 +109,7 @@ def other_reading(
     nothing where all are. Of a long flight the part is taken in which they are followed least.
     """
     motion = motion_between(best)
-    astray = best.noise.contradicts(best.scatter)  # all the time, as a wrong axis is
+    astray = best.noise.contradicts(best.spectral)  # all the time, as a wrong axis is
     gyro, accel = (astray | (part < healthy.AXIS_FOLLOWED) for part in followed(best, motion))
     if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > num.AXIS_GAIN):
         return None

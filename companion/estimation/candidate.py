@@ -37,8 +37,9 @@ class Candidate:
         """The likeliest times of a trial."""
         i = one.best
         onset_sigma = max(one.onset_sigma, num.ONSET_SIGMA_S)
+        taken = float(one.size[i, 0]) if one.hypothesis.time_shifts else 0.0
         return cls(one.hypothesis, one.shape, float(one.onset[i]), float(one.end[i]), onset_sigma, int(one.axis[i]),
-                   one.log_odds, one.fault, one.imu)  # fmt: skip
+                   one.log_odds, one.fault, one.imu, taken)  # fmt: skip
 
     def change_of_field(self, t: Array, level: complex, size: complex) -> npt.NDArray[np.complex128]:
         """(M,) µT, north + i east: what the level part of the Earth's field changes by at times t (M,).

@@ -9,17 +9,17 @@ Also here: how the size of what went wrong is said in words: the phrases that th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from companion.constants import harm, healthy, num, priors
-from companion.estimation.aiding_sensors import SENSORS
+from companion.estimation.aiding_sensors import FIXED, SENSORS
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Problem
-from companion.model import Array, words
+from companion.model import Array, bend, words
 from companion.strapdown import quaternion, skew
 
 
@@ -249,6 +249,24 @@ def _late(problem: Problem) -> Signature | None:
     return Signature(None, {one.name: one.constants[:, :, place] for one in ones if one is not None})
 
 
+def _late_by(size: float, problem: Problem) -> Signature | None:
+    """The same of a u about a size, s: by where the vehicle was then, and how fast (a secant in place of a tangent)."""
+    t, states = problem.t, problem.states
+    i = np.clip(np.searchsorted(t, t - size, side="right") - 1, 0, len(t) - 2)
+    lasted = np.diff(t)[i][:, None]
+    u = np.clip((t - size - t[i])[:, None] / lasted, 0.0, 1.0)
+    moved, rate = np.diff(states.position, axis=0)[i], states.velocity
+    then = {"position": states.position[i] + u * moved + bend(moved, lasted * rate[i], lasted * rate[i + 1], u),
+            "velocity": rate[i] + u * np.diff(rate, axis=0)[i]}  # fmt: skip
+    changed = {name: (then[name] - getattr(states, name)) / size for name in then}
+    parts = {}
+    for name in _GPS:
+        observed, axes = FIXED[name]
+        if (one := problem.measurement(name)) is not None:
+            parts[name] = changed[observed][one.keyframe, axes, None]
+    return Signature(None, parts)
+
+
 def _field(problem: Problem) -> Signature | None:
     """A field whose horizontal part is another in NED: the compass, or the iron around it, has turned."""
     one = problem.well_observed("compass")
@@ -352,6 +370,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
       for name, sensor in SENSORS.items() if sensor.device == "barometer"),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
+
+SECANTS = tuple(
+    replace(row, signature=partial(_late_by, size)) for row in HYPOTHESES if row.time_shifts for size in num.LATENCIES_S
+)
+"""Rows of what is linear in small sizes alone, as it is about larger ones: by secants, which lead there."""
 
 AIDING = tuple(dict.fromkeys(hypothesis.device for hypothesis in HYPOTHESES if hypothesis.device != "imu"))
 """The devices beside the IMU."""

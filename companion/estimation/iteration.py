@@ -11,9 +11,8 @@ what was estimated a moment ago, carried on to what has arrived since.
 
 Also here: readings that come late by much, which are put at the times that they speak of, not corrected by a slope:
 where a vehicle was a second ago is no straight line from where it is. So of a kind that moves readings in time the
-linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left: where
-the readings would speak of what has not happened yet, it is not the time that is off. What it explained where the
-vehicle did not move says little of its onset: that is sought again with its size known.
+size is taken out of the readings, which go to other keyframes, and what is left asked for again, until that is little:
+where the readings would speak of what has not happened yet, it is not the time that is off.
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ from companion.estimation.learned_noise import (
 )
 from companion.estimation.linearisation import PreintegratedImu, linearise, preintegrate_imu
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, Rival, States, corrected
-from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
 from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.system import Prior, Problem, misfit, squares
@@ -343,25 +341,25 @@ def time_shifted(setup: Setup, start: Start, accepted: Sequence[Candidate], cand
     With the readings as they are where its size does not settle; None where readings would speak of what has not
     happened yet.
     """
-    linearly, moved, settled, made = candidate, setup, start, 0
-    for searched in (False, True):
-        for _ in range(num.LATENCY_ROUNDS):
-            settled, linear = estimate(moved, start, [*accepted, candidate])
-            made += settled.linearisations
-            further = float(linear.solution.c[-1])
-            if abs(further) < num.LATENCY_CONVERGED_S:
-                break
-            candidate = replace(candidate, taken=candidate.taken + further)
-            if candidate.taken < -float(settled.states.constant("gps_latency")[0]):
-                return None
-            moved = _moved(setup, candidate)
-        else:
-            return _after(made, _with(setup, start, accepted, linearly))
-        if searched or candidate.shape != "step" or abs(candidate.taken) < num.LATENCY_SEARCHED_S:
-            break
-        candidate, tries = _with_onset(setup, settled, accepted, candidate)
-        moved, made = _moved(setup, candidate), made + tries
-    return Adaptation(candidate, moved, replace(settled, linearisations=made), linear)
+    linearly, moved, made = replace(candidate, taken=0.0), _moved(setup, candidate), 0
+    if _is_yet_to_come(candidate, start.states):
+        return None
+    for _ in range(num.LATENCY_ROUNDS):
+        settled, linear = estimate(moved, start, [*accepted, candidate])
+        made += settled.linearisations
+        further = float(linear.solution.c[-1])
+        if abs(further) < num.LATENCY_CONVERGED_S:
+            return Adaptation(candidate, moved, replace(settled, linearisations=made), linear)
+        candidate = replace(candidate, taken=candidate.taken + further)
+        if _is_yet_to_come(candidate, settled.states):
+            return None
+        moved = _moved(setup, candidate)
+    return _after(made, _with(setup, start, accepted, linearly))
+
+
+def _is_yet_to_come(candidate: Candidate, states: States) -> bool:
+    """Whether readings would speak of what has not happened when they come."""
+    return candidate.taken < -float(states.constant("gps_latency")[0])
 
 
 def _after(made: int, one: Adaptation) -> Adaptation:
@@ -379,40 +377,3 @@ def _moved(setup: Setup, candidate: Candidate) -> Setup:
         for one in setup.readings
     )
     return replace(setup, readings=readings)
-
-
-def _with_onset(
-    setup: Setup, settled: Start, accepted: Sequence[Candidate], candidate: Candidate
-) -> tuple[Candidate, int]:
-    """The candidate from when on the readings fit best, its size known, at the noise that was learned.
-
-    And how many linearisations that took.
-    """
-    made = counter()
-    states, path = settled.states, preintegrated(setup, settled.states, settled.path)
-
-    def misfits(onsets: Array) -> Array:
-        """Each less what as many readings leave that fit: some may be moved out of the flight."""
-        excess = []
-        for onset in onsets:
-            next(made)
-            one = replace(candidate, onset=float(onset))
-            linear = linearise(
-                _moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one]
-            )
-            fitting = sum(m.residual.size for m in linear.measurements)
-            excess.append(misfit(linear) - fitting)
-        return np.array(excess)
-
-    first, last = times_of_change(setup.t)
-    onsets = np.linspace(first, last, num.LATENCY_ONSETS)
-    left, step = misfits(onsets), float(onsets[1] - onsets[0])
-    for _ in range(num.LATENCY_REFINEMENTS):
-        fine = np.clip(onsets[np.argmin(left)] + step * np.linspace(-1.0, 1.0, num.LATENCY_FINE_ONSETS), first, last)
-        onsets, where = np.unique(np.concatenate((onsets, fine)), return_index=True)
-        left = np.concatenate((left, misfits(fine)))[where]
-        step = 2.0 * step / (num.LATENCY_FINE_ONSETS - 1)
-    best = float(onsets[np.argmin(left)])
-    likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
-    sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
-    return replace(candidate, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S)), next(made)

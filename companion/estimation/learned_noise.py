@@ -58,30 +58,20 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     return limits
 
 
-def scatter(setup: Setup) -> tuple[float, float]:
-    """Densities by which gyro and accelerometer scatter between samples, rad/s/√Hz and m/s²/√Hz.
-
-    Not less than what may be learned at least.
-    """
-    return _at_least(setup, setup.scatter)
-
-
 def spectral(setup: Setup) -> tuple[float, float]:
-    """The same by their spectra, where no vibration is.
+    """Densities of gyro and accelerometer where no vibration is, by their spectra, rad/s/√Hz and m/s²/√Hz.
 
-    Without GPS the vehicle's motion is learned as the accelerometer's noise: that is `scatter` there.
+    Not less than what may be learned at least. Without GPS the vehicle's motion is learned as the accelerometer's
+    noise: there it is what readings scatter by between samples.
     """
-    gyro, accel = setup.spectral_noise
-    return _at_least(setup, (gyro, setup.scatter[1] if _without_gps(setup) else accel))
+    limits, (gyro, accel) = noise_limits(setup), setup.spectral_noise
+    if _without_gps(setup):
+        accel = setup.scatter[1]
+    return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
 def _without_gps(setup: Setup) -> bool:
     return any(one.name == "calm" for one in setup.readings)
-
-
-def _at_least(setup: Setup, shown: tuple[float, float]) -> tuple[float, float]:
-    limits, (gyro, accel) = noise_limits(setup), shown
-    return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
 def doubted_limits(
@@ -89,9 +79,9 @@ def doubted_limits(
 ) -> Iterator[dict[str, tuple[float, float]]]:
     """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise.
 
-    imu_in_order: whether nothing of the IMU is explained: its noise then is three times what its readings scatter by.
+    imu_in_order: whether nothing of the IMU is explained: its noise then is three times what its spectra show.
     """
-    limits, shown = noise_limits(setup), scatter(setup)
+    limits, shown = noise_limits(setup), spectral(setup)
     if noise.contradicts(shown) and imu_in_order:
         yield {
             cause: (least, float(np.clip(num.FILTERED_NOISE * own, least, most)))
@@ -188,7 +178,7 @@ def learn(
 
 def _walk_limits(setup: Setup, noise: ProcessNoise) -> tuple[float, float]:
     """Of the density of the gyro bias's walk: where the IMU contradicts the other sensors nothing is learned of it."""
-    most = 1.0 if noise.contradicts(scatter(setup)) else healthy.GYRO_WALK_SPREAD**2
+    most = 1.0 if noise.contradicts(spectral(setup)) else healthy.GYRO_WALK_SPREAD**2
     return FIRST_NOISE.gyro_walk, most * FIRST_NOISE.gyro_walk
 
 

@@ -68,9 +68,9 @@ class ProcessNoise:
         """Whether the bias of the gyro walks by more than those of parts in order do."""
         return self.gyro_walk > healthy.GYRO_WALK_SPREAD * num.FIRST_PROCESS_NOISE["gyro_walk"]
 
-    def contradicts(self, scatter: tuple[float, float]) -> bool:
-        """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
-        both = zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
+    def contradicts(self, spectral: tuple[float, float]) -> bool:
+        """Whether gyro or accelerometer needs far more than its spectra show, in the same units."""
+        both = zip((self.gyro_noise, self.accel_noise), spectral, strict=True)
         return any(own > num.NOISE_BEYOND * shown for own, shown in both)
 
 
@@ -249,8 +249,7 @@ class BestEstimate:
     first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the aiding sensors tell until then
     noise: ProcessNoise  # learned
     correlated: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
-    scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
-    spectral: tuple[float, float]  # those where no vibration is, by their spectra
+    spectral: tuple[float, float]  # densities of gyro and accelerometer where no vibration is, by their spectra
     measurement_scale: Mapping[str, float]  # aiding sensor → learned σ over the nominal one
     slow_sigma: Mapping[str, float]  # aiding sensor → learned 1σ of its slow error, in the units of its readings
     residuals: Mapping[str, Residuals]
@@ -292,13 +291,8 @@ class BestEstimate:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the IMU fits the other aiding sensors only with far more noise than it shows, at any time."""
-        return self.noise.contradicts(self.scatter)
-
-    @property
-    def has_excess_noise(self) -> bool:
-        """Whether it is contradicted, or fits only with far more process noise than its spectra show."""
-        return self.contradicted or self.noise.contradicts(self.spectral)
+        """Whether the IMU fits the aiding sensors only with far more process noise than its spectra show."""
+        return self.noise.contradicts(self.spectral)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

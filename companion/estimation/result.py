@@ -16,7 +16,7 @@ from companion.constants import num
 from companion.estimation.candidate import Candidate
 from companion.estimation.differences import Differences
 from companion.estimation.iteration import Start
-from companion.estimation.learned_noise import scatter, spectral
+from companion.estimation.learned_noise import spectral
 from companion.estimation.model import (
     ACCEL_BIAS,
     CONSTANT_STATES,
@@ -74,7 +74,6 @@ def best_estimate(
         first_half=of_first_half(linear),
         noise=own,
         correlated=(louder.gyro_noise / own.gyro_noise, louder.accel_noise / own.accel_noise),
-        scatter=scatter(setup),
         spectral=spectral(setup),
         measurement_scale=dict(settled.scale),
         slow_sigma=dict(settled.slow),

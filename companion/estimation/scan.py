@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.constants import num
 from companion.estimation.block_tridiagonal import crossed, factorise, gram, roots, scaled
-from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Signature, hypothesis_of
+from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, Signature
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import SLOPED, activation
 from companion.estimation.system import Problem, Solution, applied, measurement_residual, motion_residual
@@ -153,18 +153,19 @@ class Scan:
 
     problem: Problem
     cuts: Array  # (S,) s, where stretches begin
-    columns: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
+    columns: Mapping[Hypothesis, tuple[Array, Array]]  # b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
 
-    def score(self, kind: str, shape: str, onset: IntArray, end: IntArray | None = None) -> tuple[Array, Array] | None:
-        """Gradient b (T, m) and information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
+    def score(
+        self, row: Hypothesis, shape: str, onset: IntArray, end: IntArray | None = None
+    ) -> tuple[Array, Array] | None:
+        """Gradient b (T, m) and information V (T, m, m) of a hypothesis and shape between cuts, by their numbers (T,).
 
         Of D data sets b is (T, m, D). None where the flight has nothing that it would change.
         """
-        if kind not in self.columns or not len(onset):
+        if row not in self.columns or not len(onset):
             return None
-        row = hypothesis_of(kind)
         end = np.full(len(onset), len(self.cuts)) if end is None else end
-        b, v = self.columns[kind]
+        b, v = self.columns[row]
         groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.integrated[:1])]
         share = np.concatenate([one[:, :, : row.basis_order] for one in groups], axis=2).reshape(len(onset), -1)
         m = b.shape[2]
@@ -187,7 +188,7 @@ def scan(problem: Problem, stretches: int, hypotheses: Sequence[Hypothesis] = HY
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
     signatures = [(hypothesis, whole) for hypothesis in hypotheses if (whole := hypothesis.of(problem)) is not None]
-    columns: dict[str, tuple[Array, Array]] = {}
+    columns: dict[Hypothesis, tuple[Array, Array]] = {}
     together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):
         columns |= _columns_of(problem, cuts, length, dict(signatures[first : first + together]))
@@ -196,7 +197,7 @@ def scan(problem: Problem, stretches: int, hypotheses: Sequence[Hypothesis] = HY
 
 def _columns_of(
     problem: Problem, cuts: Array, length: int, signatures: Mapping[Hypothesis, Signature]
-) -> dict[str, tuple[Array, Array]]:
+) -> dict[Hypothesis, tuple[Array, Array]]:
     """The columns of some kinds; cuts (S,) s, the beginnings of stretches of so many keyframes."""
     solution = problem.solution
     columns = {hypothesis: (1 + bool(hypothesis.integrated)) * hypothesis.basis_order for hypothesis in signatures}
@@ -222,7 +223,7 @@ def _columns_of(
         shape = (len(cuts), columns[hypothesis], -1)
         m = signatures[hypothesis].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
-        out[hypothesis.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
+        out[hypothesis] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
     return out
 
 

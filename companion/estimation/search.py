@@ -12,7 +12,7 @@ import numpy.typing as npt
 from companion.constants import num
 from companion.estimation.differences import Differences, score_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
-from companion.estimation.hypotheses import HYPOTHESES, Hypothesis, hypothesis_of
+from companion.estimation.hypotheses import HYPOTHESES, SECANTS, Hypothesis, hypothesis_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
 from companion.estimation.scan import Scan, jumps, scan, score, velocity_impulses
 from companion.estimation.shapes import ENDING
@@ -52,10 +52,11 @@ class Cells:
 
 def trials(problem: Problem, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> tuple[Trial, ...]:
     """Every hypothesis and shape with its evidence, the likeliest first; of all of them those of other IMUs too."""
-    grid = scan(problem, num.SCAN_STRETCHES, hypotheses)
+    rows = (*hypotheses, *(row for row in SECANTS if any(row.name == one.name for one in hypotheses)))
+    grid = scan(problem, num.SCAN_STRETCHES, rows)
     every = [
         one
-        for hypothesis in hypotheses
+        for hypothesis in rows
         for shape in hypothesis.shapes
         if (one := _on_the_grid(problem, grid, hypothesis, shape)) is not None
     ]
@@ -65,9 +66,21 @@ def trials(problem: Problem, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> t
         _refined(problem, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
+    fine = _together(fine)
     if hypotheses is HYPOTHESES:
         fine += (one.weighed(problem) for one in of_other_imus(problem))
     return tuple(sorted(fine, key=lambda one: -one.log_odds))
+
+
+def _together(each: Sequence[Trial]) -> list[Trial]:
+    """Of a hypothesis with secants one of each shape: which of them is nearest is not known before."""
+    parts: dict[tuple[str, str], list[Trial]] = {}
+    for one in each:
+        parts.setdefault((one.hypothesis.name, one.shape), []).append(one)
+    return [
+        replace(joined(some), hypothesis=hypothesis_of(name), weight=joined(some).weight / len(some))
+        for (name, _), some in parts.items()
+    ]
 
 
 def times_of_change(t: Array) -> tuple[float, float]:
@@ -123,7 +136,7 @@ def on_cuts(problem: Problem, grid: Scan, hypothesis: Hypothesis, shape: str) ->
         begin, end = _pairs(inside)
         lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[hypothesis.device]
         begin, end = begin[lasts], end[lasts]
-    scores = grid.score(hypothesis.name, shape, begin, end)
+    scores = grid.score(hypothesis, shape, begin, end)
     if scores is None:
         return None
     width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S

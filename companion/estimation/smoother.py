@@ -18,7 +18,7 @@ from companion.estimation.candidate import Candidate, beside
 from companion.estimation.evidence import Trial
 from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Adaptation, Start, estimate, likelihood, resuming, start_of
-from companion.estimation.learned_noise import FIRST_NOISE, doubted_limits, scatter
+from companion.estimation.learned_noise import FIRST_NOISE, doubted_limits, spectral
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, Rival, States
 from companion.estimation.result import best_estimate, is_field_of_the_place
 from companion.estimation.search import trials
@@ -151,7 +151,7 @@ def _begun(setup: Setup, starts: Iterable[Start]) -> tuple[Start, Start, Problem
     tried: list[tuple[Start, Start, Problem]] = []
     for start in starts:
         tried.append((start, *estimate(setup, start)))
-        if not tried[-1][1].noise.contradicts(scatter(setup)):
+        if not tried[-1][1].noise.contradicts(spectral(setup)):
             break
     return max(tried, key=lambda one: likelihood(*one[1:]))
 
@@ -188,7 +188,7 @@ def next_adaptation(
     most: linearisations, after which no other candidate is tried.
     """
     astray = not is_field_of_the_place(setup, settled.states)
-    anew = astray or settled.noise.contradicts(scatter(setup))
+    anew = astray or settled.noise.contradicts(spectral(setup))
     begin = replace(settled, states=start.states) if anew else replace(settled, near=True)
     if astray:  # its gyro had to follow: that is no walk
         begin = replace(begin, noise=replace(settled.noise, gyro_walk=FIRST_NOISE.gyro_walk))

@@ -98,9 +98,6 @@ class Weighing:
         self._left = min(there, self._with_nothing())
         self._trials = trials(problem)
         weighed = [Candidate.of_trial(one) for one in self._trials]
-        if least.candidate.taken:
-            moved = self._as_moved(least)
-            weighed = [moved if one.name == moved.name else one for one in weighed]
         more = 0.5 * (there - self._left)  # of another IMU's fault the estimate is the same as with nothing
         self._linearly = [one if one.imu is not None else replace(one, log_odds=one.log_odds - more) for one in weighed]
 
@@ -113,19 +110,6 @@ class Weighing:
 
     def _trial_of(self, candidate: Candidate) -> Trial:
         return next(one for one in self._trials if _name(one) == candidate.name)
-
-    def _as_moved(self, least: Adaptation) -> Candidate:
-        """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
-
-        Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first
-        order.
-        """
-        moved, trial, solution = least.candidate, self._trial_of(least.candidate), self._as_rough(least.linear).solution
-        linearly, variance = Candidate.of_trial(trial), float(solution.constants_covariance[-1, -1])
-        size = float(solution.c[-1]) + moved.taken
-        of_size = 0.5 * (size**2 / variance + float(np.log(variance / moved.hypothesis.prior**2)))
-        log_odds = max(linearly.log_odds, of_size + _of_times(trial))
-        return replace(linearly, log_odds=log_odds, fault=max(linearly.fault, moved.fault))
 
     def _possible(self, weighed: list[Candidate]) -> list[Candidate]:
         return [one for one in weighed if one.imu is not None or one.hypothesis.name not in self._impossible]

@@ -71,6 +71,7 @@ from companion.model.tracks import (
     Series,
     Track,
     Trajectory,
+    bend,
     integrated,
     interpolated,
     longest_step,

@@ -258,7 +258,7 @@ def _doubt_of_interval(interval: FaultInterval, best: BestEstimate) -> Doubt | N
         return Doubt("a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment")
     if not best.converged:
         return _NOT_CONVERGED
-    if best.has_excess_noise:
+    if best.contradicted:
         return _CONTRADICTED
     name, shares = words(interval.kind), probability_imu_or_aiding(interval)
     return _what_else(interval, name, _imu_or_aiding(interval.kind), shares, _imu_or_aiding)
@@ -303,7 +303,7 @@ def _doubts(deviation: EstimatorDeviation, best: BestEstimate, imu_agrees_from: 
         yield _NOT_CONVERGED
     if "gps_position" not in best.residuals:
         yield Doubt(f"without GPS {either}", _WITNESS, "IMU")
-    if best.has_excess_noise:
+    if best.contradicted:
         yield _CONTRADICTED
     if best.noise.gyro_wanders and by_gyro:
         wanders = 1e3 * best.noise.gyro_walk * np.sqrt(60.0)

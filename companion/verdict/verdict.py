@@ -72,7 +72,7 @@ def decide(
     whole = _as_sure(_decided(agreements, findings, best, source, probability), shares)
     probability = _with_readings(shares, whole.cause)
     unexplained = leading_doubt(whole.findings) is None and any(one.parted is not None for one in agreements)
-    if whole.status == "insufficient_data" and (unexplained or (best is not None and best.has_excess_noise)):
+    if whole.status == "insufficient_data" and (unexplained or (best is not None and best.contradicted)):
         probability = {}  # they are of a model that does not hold
     flights = []
     for (start, end), own in by_flight.items():

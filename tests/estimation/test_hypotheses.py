@@ -12,8 +12,9 @@ import pytest
 from companion.constants import num
 from companion.constants.priors import ACCUSED, CALM_SHOCK_RATE
 from companion.estimation import HYPOTHESES, BestEstimate, Effort, Explained, hypothesis_of, probabilities, smooth
-from companion.estimation.aiding_sensors import SLOW
+from companion.estimation.aiding_sensors import FIXED, SLOW
 from companion.estimation.candidate import Candidate, with_candidate
+from companion.estimation.hypotheses import SECANTS, Hypothesis
 from companion.estimation.learned_noise import FIRST_NOISE
 from companion.estimation.linearisation import linearise, preintegrate_imu
 from companion.estimation.scan import Scan, scan, score
@@ -21,7 +22,7 @@ from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Problem, motion_residual
 from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
-from tests.estimation.sensed import PLACE, sensed, with_imu
+from tests.estimation.sensed import PLACE, at, sensed, true_states, with_imu
 from tests.flights import moved_north
 
 pytestmark = pytest.mark.slow
@@ -285,6 +286,23 @@ def linear() -> Problem:
     return found
 
 
+@pytest.mark.parametrize(("row", "late"), list(zip(SECANTS, num.LATENCIES_S, strict=True)))
+def test_a_late_fix_reads_where_the_vehicle_was_and_how_fast(linear: Problem, row: Hypothesis, late: float) -> None:
+    flight, truth = sensed(25.0, "circle")
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    problem = replace(linear, states=true_states(setup, flight, truth))
+    columns = row.of(problem)
+    assert columns is not None
+    assert columns.motion is None
+    assert set(columns.measurements) == set(row.time_shifts)
+    for name, column in columns.measurements.items():
+        observed, axes = FIXED[name]
+        t = linear.t[next(one.keyframe for one in linear.measurements if one.name == name)]
+        t, column = t[t > late], column[t > late]  # noqa: PLW2901  (before the first keyframe nothing is known)
+        then, now = (at(one, truth.t, getattr(truth, observed))[:, axes] for one in (t - late, t))
+        np.testing.assert_allclose(late * column[..., 0], then - now, atol=0.01 if observed == "position" else 0.05)
+
+
 def misfit(problem: Problem) -> float:
     """The sum of all squared residuals."""
     prior, solution = problem.prior, problem.solution
@@ -346,7 +364,7 @@ def test_the_scan_says_what_the_score_of_each_onset_says(grids: tuple[Scan, ...]
     onset, end = np.array([1, 2, 5]), np.array([4, 7, 6])
     ends = shape in ("pulse", "creep")
     for grid in grids:
-        found = grid.score(name, shape, onset, end if ends else None)
+        found = grid.score(kind, shape, onset, end if ends else None)
         assert_same(found, score(grid.problem, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
 
 

@@ -531,15 +531,11 @@ def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(fligh
     assert (severity(), severity(stuck)) == ("error", "info")
 
 
-@pytest.mark.parametrize("shown", ["between samples", "by spectra"])
 def test_where_the_imu_fits_with_far_more_noise_than_it_shows_no_other_sensor_is_accused(
-    flight: Flight, best: BestEstimate, shown: str
+    flight: Flight, best: BestEstimate
 ) -> None:
-    """Neither than between samples, nor than where no vibration is, which is all that a shaken IMU shows."""
-    noisy = replace(best.noise, accel_noise=1e3 * best.scatter[1], gyro_noise=1e3 * best.scatter[0])
     quiet = best.noise.gyro_noise / 20.0, best.noise.accel_noise / 20.0
-    doubted = replace(best, noise=noisy) if shown == "between samples" else replace(best, spectral=quiet)
-    doubted = replace(doubted, explained=(accepted("gps_motion", 30.0, 0.0),))
+    doubted = replace(best, spectral=quiet, explained=(accepted("gps_motion", 30.0, 0.0),))
     (finding,) = findings_of(
         fault_intervals(doubted), estimator_deviations(headed(flight, 40.0), doubted, Limits()), doubted
     )
@@ -573,7 +569,7 @@ def test_a_gyro_that_warms_from_the_beginning_on_is_accused(best: BestEstimate) 
 
 def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
     """It has to follow a gyro that wanders, and corrects itself again and again."""
-    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
+    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.spectral[0]))
     away = off_by("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0)
     (told,) = findings_of((), (away,), noisy)
     assert (told.side, told.undecided) == ("data", True)
@@ -582,7 +578,7 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
 
 def test_where_an_imu_is_contradicted_no_sensor_is_accused_and_not_the_imu_alone(best: BestEstimate) -> None:
     """A GPS that stands still in flight is explained by it, and the rest by whatever comes near it."""
-    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
+    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.spectral[0]))
     for one in (weighed(kind, size, (kind, 1.0, 1.0)) for kind, size in (("gyro_bias", BIAS), ("gps_position", AWAY))):
         for estimate in (noisy, best):
             (told,) = findings_of((one,), (off_by("position", ONSET + 1.0, ONSET + 5.0, 100.0, 1.0),), estimate)
