@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
+from companion.estimation import hypothesis_of
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
@@ -67,7 +68,7 @@ def of_solution(problem: Problem) -> dict[str, float]:
     onsets = np.flatnonzero((t > t[0] + margin) & (t < t[-1] - margin))
     out = {}
     for sensor, kind in STEPS.items():
-        score = grid.score(kind, "step", onsets)
+        score = grid.score(hypothesis_of(kind), "step", onsets)
         if score is None:
             continue
         b, v = score

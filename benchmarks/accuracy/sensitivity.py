@@ -29,8 +29,7 @@ from benchmarks.accuracy.labels import SHARED, Label, Outcome, load_labels, name
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
 from companion.constants import check, num, priors
-from companion.estimation import BestEstimate, Hypothesis, search, setup, smooth, smoother, weighing
-from companion.estimation.candidate import Candidate
+from companion.estimation import BestEstimate, Hypothesis, search, setup, smooth, weighing
 from companion.estimation.evidence import Trial, trial
 from companion.model import Array, CompanionError, Flight
 from companion.verdict import assessment, attribution, constant_faults, deviations
@@ -65,17 +64,11 @@ def fault_rates(times: float) -> Iterator[None]:
 @contextlib.contextmanager
 def log_evidence(times: float) -> Iterator[None]:
     """The log evidence of every hypothesis multiplied, in this process."""
-    moved, constant = weighing.Weighing._as_moved, constant_faults.fault_probabilities
-    misfit = weighing.whole_misfit
+    constant, misfit = constant_faults.fault_probabilities, weighing.whole_misfit
 
     def weaker(*args: Any, **keywords: Any) -> Trial:
         one = trial(*args, **keywords)
         return replace(one, log_bayes=times * one.log_bayes)
-
-    def weaker_moved(beside: weighing.Weighing, least: smoother.Adaptation) -> Candidate:
-        one, linearly = moved(beside, least), beside._trial_of(least.candidate)  # evidence that is weaker already
-        prior = linearly.log_odds - float(linearly.log_bayes.max())
-        return replace(one, log_odds=max(linearly.log_odds, prior + times * (one.log_odds - prior)))
 
     def weaker_constant(*args: Any, **keywords: Any) -> Array:
         prior = _log_odds(np.asarray(priors.FAULTY_IMU))
@@ -84,7 +77,6 @@ def log_evidence(times: float) -> Iterator[None]:
 
     with (
         mock.patch.object(search, "trial", weaker),
-        mock.patch.object(weighing.Weighing, "_as_moved", weaker_moved),
         mock.patch.object(weighing, "whole_misfit", lambda problem: times * misfit(problem)),
         mock.patch.object(constant_faults, "fault_probabilities", weaker_constant),
     ):
