@@ -18,12 +18,11 @@ from companion.model import (
     DataError,
     IntArray,
     PositionTrack,
-    bend,
     check_number,
     longest_step,
     nearest,
 )
-from companion.strapdown import Preintegration, quaternion
+from companion.strapdown import Preintegration, bend, quaternion
 
 
 def attitude_error(q_ref: Array, q: Array) -> Array:

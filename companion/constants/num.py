@@ -154,6 +154,7 @@ Z_95 = 1.6448536  # one-sided 95 % point of the standard normal
 MAX_SCALE = 0.6  # a range that is set wrong by a factor of two is off by half
 KIND_MIN_READINGS = 8  # of an aiding sensor: fewer show no change
 LATENCIES_S = (0.25, 0.5, 1.0, 2.0)  # about which it is made linear too
+LATENCIES_RATIO = 2.0  # of each to the one before
 LATENCY_ROUNDS = 4  # at most
 LATENCY_CONVERGED_S = 0.02
 SCAN_MIN_KINDS = 3  # at a time

@@ -136,9 +136,15 @@ def trial(
     over = grows_for(shape, onset, end, flight[1], priors.RAMP_S)  # s in which a likely size is reached
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
     known = np.linalg.eigh(v)
-    large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / over)
-    if hypothesis.nuisance:
-        small, large = large, np.full_like(large, num.LOG_ZERO)
+    if hypothesis.about_size:
+        large, size, sigma, axis = _about_size(hypothesis, each, v)
+    else:
+        large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / over)
+    never = np.full_like(large, num.LOG_ZERO)
+    if hypothesis.about_size:
+        small = never
+    elif hypothesis.nuisance:
+        small, large = large, never
     else:
         usual = np.full(len(onset), harm.NUISANCE * harmful(hypothesis, shape, imu))
         if aliased is not None:
@@ -197,6 +203,20 @@ def _of_scale(
     size = np.where(single[:, None], np.where(this, b / own, 0.0), size)
     length = np.where(single, np.take_along_axis(own[..., 0], axis, axis=1) ** -0.5, length)
     return np.asarray(mixed), size, length, np.where(single, axis, -1)
+
+
+def _about_size(hypothesis: Hypothesis, b: Array, v: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
+    """The same of sizes nearer to the one that columns are made about than to the next: as likely as all of these.
+
+    With u = s + d the gain b u - ½ V u² is that of s and (b - V s) d - ½ V d².
+    """
+    s, apart = hypothesis.about_size, num.LATENCIES_RATIO
+    low, high = s / math.sqrt(apart), s * math.sqrt(apart)
+    within = np.diff(_normal(np.array([low, high]) / hypothesis.prior)).item()
+    rest = b - s * v[:, 0, :, None]
+    near = np.full(len(v), (high - low) / math.sqrt(12.0))
+    log_bayes, d, sigma, axis = _of_scale(rest, v, np.linalg.eigh(v), near)
+    return log_bayes + s * b[:, 0] - 0.5 * s**2 * v[:, 0] + math.log(within), s + d, sigma, axis
 
 
 def _log_sum(values: Array, axis: int | tuple[int, ...] | None = None) -> Any:

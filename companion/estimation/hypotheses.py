@@ -19,8 +19,8 @@ from companion.estimation.aiding_sensors import FIXED, SENSORS
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Problem
-from companion.model import Array, bend, words
-from companion.strapdown import quaternion, skew
+from companion.model import Array, words
+from companion.strapdown import bend, quaternion, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +133,7 @@ class Hypothesis:
     time_shifts: tuple[str, ...] = ()  # aiding sensors whose readings speak of another time: linear in small sizes
     turns_field: bool = False  # whether it turns the field that a compass reads: linear in small sizes
     turns_compass: bool = False  # whether it turns the compass in its mounting: linear in small sizes too
+    about_size: float = 0.0  # in the unit, about which its columns are made; 0: about none, and it is small
 
     @property
     def sensor(self) -> str:
@@ -372,7 +373,10 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 """What may be wrong. An explanation that is not in this table does not exist."""
 
 SECANTS = tuple(
-    replace(row, signature=partial(_late_by, size)) for row in HYPOTHESES if row.time_shifts for size in num.LATENCIES_S
+    replace(row, signature=partial(_late_by, size), about_size=size)
+    for row in HYPOTHESES
+    if row.time_shifts
+    for size in num.LATENCIES_S
 )
 """Rows of what is linear in small sizes alone, as it is about larger ones: by secants, which lead there."""
 

@@ -73,14 +73,11 @@ def trials(problem: Problem, hypotheses: Sequence[Hypothesis] = HYPOTHESES) -> t
 
 
 def _together(each: Sequence[Trial]) -> list[Trial]:
-    """Of a hypothesis with secants one of each shape: which of them is nearest is not known before."""
+    """What is about several sizes as one of each hypothesis and shape."""
     parts: dict[tuple[str, str], list[Trial]] = {}
     for one in each:
         parts.setdefault((one.hypothesis.name, one.shape), []).append(one)
-    return [
-        replace(joined(some), hypothesis=hypothesis_of(name), weight=joined(some).weight / len(some))
-        for (name, _), some in parts.items()
-    ]
+    return [replace(joined(some), hypothesis=hypothesis_of(name)) for (name, _), some in parts.items()]
 
 
 def times_of_change(t: Array) -> tuple[float, float]:

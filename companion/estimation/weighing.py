@@ -44,7 +44,7 @@ class Weighing:
     ) -> None:
         self._setup, self._accepted, self._nothing = setup, accepted, nothing
         self._tried, self._failed = list[Adaptation](), set[_When]()  # that which leaves least first
-        self._impossible = set[str]()  # hypotheses of the estimate's own IMU or of an aiding sensor
+        self._impossible = set[tuple[str, str]]()  # hypothesis and shape, of the estimate's own IMU or an aiding sensor
         self._linearly = self.weighed = usual  # the likeliest first
         self._trials = tuple[Trial, ...]()  # where the first of them is
         self._left = np.inf  # the misfit without a cause, where the first of them is or where it has settled so
@@ -70,8 +70,10 @@ class Weighing:
         return True
 
     def rule_out(self, candidate: Candidate) -> None:
-        """Weigh a hypothesis that cannot be no more, in none of its shapes: it is nobody's rival."""
-        self._impossible.add(candidate.hypothesis.name)
+        """Weigh a hypothesis that cannot be no more: it is nobody's rival, in none of its shapes but those that can."""
+        one = candidate.hypothesis
+        possible = {other.candidate.shape for other in self._tried if other.candidate.hypothesis == one}
+        self._impossible |= {(one.name, shape) for shape in one.shapes if shape not in possible}
         self.weighed = self._possible(self.weighed)
 
     def with_cause(self, candidate: Candidate) -> Adaptation | None:
@@ -112,7 +114,7 @@ class Weighing:
         return next(one for one in self._trials if _name(one) == candidate.name)
 
     def _possible(self, weighed: list[Candidate]) -> list[Candidate]:
-        return [one for one in weighed if one.imu is not None or one.hypothesis.name not in self._impossible]
+        return [one for one in weighed if one.imu is not None or one.name[:2] not in self._impossible]
 
     def _as_rough(self, problem: Problem) -> Problem:
         return as_rough(problem, self._tried[0].linear, self._tried[0].candidate)

@@ -71,7 +71,6 @@ from companion.model.tracks import (
     Series,
     Track,
     Trajectory,
-    bend,
     integrated,
     interpolated,
     longest_step,

@@ -348,15 +348,6 @@ def interpolated(t: Array, samples: Array, values: Array) -> Array:
     return np.column_stack([np.interp(t, samples, column) for column in values.T])
 
 
-def bend(moved: Array, at_start: Array, at_end: Array, u: Array) -> Array:
-    """How far a cubic Hermite is from the straight line (N, 3), at the parts u (N, 1) of the interval.
-
-    moved: over the interval; at_start, at_end: what it would be at the rates of both ends. So that large coordinates
-    lose no digits.
-    """
-    return np.asarray(u * (1 - u) * ((1 - u) * (at_start - moved) + u * (moved - at_end)))
-
-
 def integrated(t: Array, values: Array) -> Array:
     """(N, n) the integral of values (N, n) since the first of increasing times t (N,), by trapezoids."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]

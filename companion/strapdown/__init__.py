@@ -6,6 +6,7 @@ from companion.strapdown.dead_reckon import (
     SAME_TIME,
     DeadReckoner,
     Preintegration,
+    bend,
     dead_reckon,
     normal_gravity,
     preintegrate,

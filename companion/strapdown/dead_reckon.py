@@ -39,6 +39,15 @@ SAME_TIME = 5e-7
 """s. MAVLink's finest clock counts microseconds: times closer than half a tick are the same time."""
 
 
+def bend(moved: Array, at_start: Array, at_end: Array, u: Array) -> Array:
+    """How far a cubic Hermite is from the straight line (N, 3), at the parts u (N, 1) of the interval.
+
+    moved: over the interval; at_start, at_end: what it would be at the rates of both ends. So that large coordinates
+    lose no digits.
+    """
+    return np.asarray(u * (1 - u) * ((1 - u) * (at_start - moved) + u * (moved - at_end)))
+
+
 def sample_at(samples: Array, t: float) -> int | None:
     """Which of the samples at times (N,) is at a time; None where none is."""
     near = int(np.searchsorted(samples, t - SAME_TIME))

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal, norm
 from companion.constants.priors import ACCUSED
 from companion.estimation import HYPOTHESES, Rival, hypothesis_of, probabilities, smooth
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
+from companion.estimation.hypotheses import SECANTS
 from companion.model import Array
 from tests.estimation import sensed as sensed_flights
 
@@ -33,6 +34,23 @@ def test_the_evidence_of_one_component_is_its_integral() -> None:
     for column, sigma in ((0, kind.harmful("step") / 5.0), (1, kind.prior)):
         integral = np.trapezoid(np.exp(b[0, 0] * u - 0.5 * v[0, 0, 0] * u**2) * norm.pdf(u, scale=sigma), u)
         assert tried(b, v, kind="gps_latency").log_bayes[0, column] == pytest.approx(np.log(integral), rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.3, 0.7, 1.0, 1.2])
+def test_the_evidence_about_several_sizes_is_the_integral_over_all(size: float) -> None:
+    """Where the columns are the same about every size: but for what flat parts differ from a normal prior."""
+    row, information = hypothesis_of("gps_latency"), 400.0
+    b, v = np.array([[information * size]]), np.array([[[information]]])
+    u = np.linspace(-4.0, 4.0, 200_001)
+    integral = np.trapezoid(np.exp(b[0, 0] * u - 0.5 * information * u**2) * norm.pdf(u, scale=row.prior), u)
+    times = np.array([600.0]), np.array([np.inf]), np.ones(1)
+    parts = [trial(one, "step", times, HOUR, b, v) for one in SECANTS]
+    each = np.array([one.log_bayes[0] for one in parts])
+    assert np.logaddexp.reduce(each[:, 1]) == pytest.approx(np.log(integral), abs=1.5)
+    assert (each[:, 0] < -1e5).all(), "what is about a size is none of what parts in order show"
+    best = max(parts, key=lambda one: float(one.log_bayes.max()))
+    assert best.size[0, 0] == pytest.approx(size, rel=0.1)
+    assert parts[-1].log_bayes[0, 1] < best.log_bayes[0, 1] - 2.0, "what is made about 2 s speaks for what is near it"
 
 
 def test_the_evidence_of_several_is_that_of_all_or_of_one_alone() -> None:
