@@ -100,18 +100,23 @@ def other_reading(
     gravity: float = STANDARD_GRAVITY,
     span: tuple[float, float] | None = None,
     untrusted: Sequence[tuple[float, float]] = (),
+    differ: bool = True,
 ) -> Reading | None:
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
     flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
-    come and go; the other way has to do without. Where the others contradict the IMU all the time every way is tried,
-    for the estimate may have followed it astray; else none that leaves the axes alone that are not followed, and
-    nothing where all are. Of a long flight the part is taken in which they are followed least.
+    come and go; the other way has to do without. Where the others contradict the IMU all the time, or the compass
+    turned in flight by about a right angle, every way is tried, for the estimate may have followed the IMU astray; else
+    none that leaves the axes alone that are not followed, and nothing where all are. Of a long flight the part is taken
+    in which they are followed least. differ: whether IMU and autopilot do, which take turns and forces for the same
+    with the right axes alone: where they do not, or it is not known, only such a compass tells of wrong ones.
     """
-    motion = motion_between(best)
-    astray = best.noise.contradicts(best.spectral)  # all the time, as a wrong axis is
+    at_right_angle = _compass_at_right_angle(best)
+    if not (differ or at_right_angle):
+        return None
+    motion, astray = motion_between(best), best.contradicted or at_right_angle
     gyro, accel = (astray | (part < healthy.AXIS_FOLLOWED) for part in followed(best, motion))
-    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > num.AXIS_GAIN):
+    if not (gyro.any() or accel.any()) or not (astray or _spared(motion, gyro, accel) > num.AXIS_GAIN):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > num.AXIS_SPAN_S else span
@@ -175,6 +180,14 @@ def _likeliest(tried: _Tried) -> float:
             return without
         return max(without, likelihood(adaptation.settled, adaptation.linear))
     return tried.likelihood
+
+
+def _compass_at_right_angle(best: BestEstimate) -> bool:
+    """Whether a compass turned in flight by an angle that is nearer to a right one than to none."""
+    return any(
+        hypothesis_of(one.kind).turns_compass and bool((np.abs(one.size) > 0.25 * np.pi).any())
+        for one in best.explained
+    )
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

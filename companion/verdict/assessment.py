@@ -278,8 +278,7 @@ def _best(
     """The best estimate, with the IMU's readings left out where they are invalid; or why there is none.
 
     And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
-    latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
-    GPS tells of these: a compass and gravity by themselves fit many ways.
+    latter where GPS tells of turns and forces: a compass and gravity by themselves fit many ways.
     uncontrolled: spans (s, boot clock) in which the vehicle is out of control. estimate: `smooth`. differ: whether so
     many windows that they are judged are outside of what is expected.
     """
@@ -307,9 +306,9 @@ def _best(
         every = [*faults, *new]
         best_so, more = _best(righted, comparison, every, uncontrolled, before, estimate, differ, effort)
         return best_so, [*new, *more]
-    if not differ or "gps_position" not in best.residuals or turned_itself or best.linearisations >= effort.looks_again:
+    if "gps_position" not in best.residuals or turned_itself or best.linearisations >= effort.looks_again:
         return best, []
-    other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
+    other = other_reading(flight, best, gravity=gravity, untrusted=untrusted, differ=differ)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
 
 

@@ -73,6 +73,16 @@ def test_an_estimate_that_follows_a_wrong_axis_astray_is_no_excuse() -> None:
     assert other.words == "axes x and y are exchanged"
 
 
+@pytest.mark.parametrize(("turned", "told"), [(1.9, "axes x and y are exchanged"), (0.3, None)])
+def test_a_compass_that_turned_by_a_right_angle_tells_of_wrong_axes(turned: float, told: str | None) -> None:
+    """Such a turn lets an estimate follow exchanged axes with no more noise than is usual."""
+    flight, best = misread("axes x and y are exchanged"), smoothed("axes x and y are exchanged")
+    quiet = replace(best.noise, gyro_noise=best.spectral[0], accel_noise=best.spectral[1])
+    turn = Explained("compass_turn", "step", 101.0, 0.1, np.inf, np.array([turned]), np.array([0.1]))
+    other = other_reading(flight, replace(best, noise=quiet, explained=(turn,)), span=SPAN, differ=False)
+    assert (other and other.words) == told
+
+
 def test_only_what_surely_began_in_flight_is_left_out() -> None:
     """A wrong axis is wrong from the beginning: an error of the IMU that may be as old may be what it looks like."""
     best = smoothed("gyro x is mirrored")
