@@ -54,6 +54,7 @@ HANN_BANDWIDTH = 1.5  # cells of a spectrum over which its window spreads a line
 LINES_FROM = 0.25  # of the sampling rate: half of the band, below which a line may be the vehicle's own motion
 ALIASED_CORNER = 0.4  # of a low-pass, as part of the sampling rate, from which on vibration is aliased
 SCATTER_MIN_DIFFERENCES = 8
+SHOCKS_SHARE = 0.02  # of readings, or intervals, in which the ground may be touched: they tell of no usual motion
 SCATTER_S = 1.5  # either way, over which the noise is constant: vibration changes with throttle, in seconds
 SCATTER_RANGE = (0.1, 30.0)  # times the median: bias walk and timing remain where nothing shakes
 PSD_SEGMENT_S = 4.0  # a resolution of a quarter of a hertz

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.constants import harm, healthy, num
-from companion.model import Array, ImuTrack, IntArray, integrated
+from companion.model import Array, BoolArray, ImuTrack, IntArray, integrated
 from companion.noise.chi_square import chi_square
 from companion.noise.losses import low_passes
 from companion.noise.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
@@ -312,16 +312,25 @@ def _attenuation(t: Array, readings: Array, index: IntArray, least: float) -> fl
 
     A straight line between two samples cuts off what is faster. How much is missing of every sample is not known: it is
     less than what is missing of half of them (of white noise a third, of slow motion a quarter). The axes count that
-    are moved by more than `least` (root of the mean square): of others no scale is told.
+    are moved by more than `least` (root of the mean square): of others no scale is told. A touch of the ground, which
+    would outweigh all else, does not count.
     """
     even = np.unique(index // 2 * 2)
     if len(even) < num.SCATTER_MIN_DIFFERENCES or not len(t):
         return 0.0
     turned = [integrated(t[::by], readings[::by])[even // by] for by in (1, 2)]
     whole, half = (np.diff(one, axis=0) / np.diff(t[even])[:, None] for one in turned)
-    moved = np.flatnonzero(np.sqrt((readings**2).mean(axis=0)) > least)
-    shares = 1.0 - (whole * half)[:, moved].sum(axis=0) / (whole[:, moved] ** 2).sum(axis=0)
-    return float(np.clip(shares, 0.0, 1.0).max(initial=0.0))
+    shares = [0.0]
+    for i in range(3):
+        usual, square = _but_for_shocks(whole[:, i] ** 2), readings[:, i] ** 2
+        if np.sqrt(square[_but_for_shocks(square)].mean()) > least:
+            shares.append(1.0 - float((whole * half)[usual, i].sum() / (whole[usual, i] ** 2).sum()))
+    return float(np.clip(max(shares), 0.0, 1.0))
+
+
+def _but_for_shocks(square: Array) -> BoolArray:
+    """(N,) all but the few largest."""
+    return np.asarray(square <= np.quantile(square, 1.0 - num.SHOCKS_SHARE))
 
 
 def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:

@@ -165,6 +165,14 @@ def test_what_is_sampled_fast_enough_hides_no_scale_error() -> None:
     assert aliasing(track, np.arange(0, len(t), 20), 1.0)["gyro_scale"].lasting < 0.005
 
 
+def test_a_touch_of_the_ground_hides_no_scale_error() -> None:
+    t = np.arange(0.0, 100.0, 0.02)
+    track = _turning(t, np.zeros(len(t)))
+    accel = track.accel.copy()
+    accel[-5:-3] += 150.0
+    assert aliasing(replace(track, accel=accel), np.arange(0, len(t), 10), 1.0)["accel_scale"].lasting < 0.005
+
+
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0, 400.0])
 def test_a_line_of_vibration_may_beat_as_strongly_as_it_is_and_noise_does_not(rate_hz: float) -> None:
     t = np.arange(0.0, 100.0, 1.0 / rate_hz)
