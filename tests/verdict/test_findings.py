@@ -508,7 +508,11 @@ def test_an_axis_that_is_never_still_is_stuck_when_it_is(step: float) -> None:
     held[700:760, 0] = held[700, 0]
     healthy = with_imu(flight, gyro=read, gyro_step=step, accel=shaken, accel_step=0.0)
     assert "stuck_axis" not in kinds(assess(healthy, GENERIC))
-    assert "stuck_axis" in kinds(assess(with_imu(healthy, gyro=held), GENERIC))
+    wrong = with_imu(healthy, gyro=held)
+    assert "stuck_axis" in kinds(assess(wrong, GENERIC))
+    for last, stuck in ((700, False), (730, True)):  # when the motors stop
+        found = stuck_findings(compare(wrong), wrong.imus.values(), armed=np.arange(len(imu)) < last)
+        assert bool(list(found)) == stuck
 
 
 def test_an_axis_that_stands_still_now_is_stuck() -> None:

@@ -109,8 +109,9 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
 def reading_faults(flight: Flight, comparison: Comparison, imu_spec: ImuSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
     track = comparison.track
-    faults = [*reading_findings(track, flight.require_attitude(), imu_spec, flight.armed(track.t, track.t))]
-    faults += stuck_findings(comparison, flight.imus.values())
+    armed = flight.armed(track.t, track.t)
+    faults = [*reading_findings(track, flight.require_attitude(), imu_spec, armed)]
+    faults += stuck_findings(comparison, flight.imus.values(), armed=armed)
     faults += meaning_findings(flight, comparison)
     return faults
 
@@ -150,9 +151,10 @@ def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Find
     for track in flight.imus.values():
         if track.source == comparison.track.source or len(track) < 2:
             continue
-        still = [*frozen_findings(track, flight.require_attitude(), flight.armed(track.t, track.t))]
+        armed = flight.armed(track.t, track.t)
+        still = [*frozen_findings(track, flight.require_attitude(), armed)]
         own = compare(flight, track=track, how=comparison.how)
-        still += stuck_findings(own, flight.imus.values(), ("gyro",))
+        still += stuck_findings(own, flight.imus.values(), ("gyro",), armed)
         mine = [f for f in still if f.end_s > aligned and (track.instance, _sensor(f)) not in reported]
         reported |= {(track.instance, _sensor(f)) for f in mine}
         yield from (_of_imu(track, f) for f in mine)

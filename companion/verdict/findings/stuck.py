@@ -78,7 +78,10 @@ def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
 
 
 def stuck_findings(
-    comparison: Comparison, imus: Collection[ImuTrack], sensors: Collection[str] = ("gyro", "accel")
+    comparison: Comparison,
+    imus: Collection[ImuTrack],
+    sensors: Collection[str] = ("gyro", "accel"),
+    armed: BoolArray | None = None,
 ) -> Iterator[Finding]:
     """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
@@ -86,14 +89,17 @@ def stuck_findings(
     All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
     happens. Another IMU has to move along it, as it does where this one is seldom still; a finer message of this one
     must not go on. An accelerometer that does not even feel its weight needs no other.
-    imus: all of the flight.
+    imus: all of the flight. armed: (N,) at the samples of the track; None where that is not known. Once the motors have
+    stopped, what they shook stands still, in a fall too: a simulated sensor has no noise of its own.
     """
     track = comparison.track
+    stopped = np.zeros(len(track), np.bool_) if armed is None else np.logical_or.accumulate(armed) & ~armed
     others = [one for one in imus if one.instance != track.instance]
     same = [one for one in imus if one.instance == track.instance and one.source != track.source]
     for axes in (one for one in _all_axes(track) if one.sensor.name in sensors):
         for first, last in _stopped(comparison, others, axes):
-            if not any(_only_rounded(axes, slice(first, last + 1), finer) for finer in same):
+            rounded = any(_only_rounded(axes, slice(first, last + 1), finer) for finer in same)
+            if not rounded and not stopped[first : last + 1].all():
                 yield stuck_finding(axes.sensor, axes.axes, first, last)
 
 
