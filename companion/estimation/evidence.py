@@ -136,10 +136,8 @@ def trial(
     over = grows_for(shape, onset, end, flight[1], priors.RAMP_S)  # s in which a likely size is reached
     v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
     known = np.linalg.eigh(v)
-    if hypothesis.about_size:
-        large, size, sigma, axis = _about_size(hypothesis, each, v)
-    else:
-        large, size, sigma, axis = _of_scale(each, v, known, hypothesis.prior / over)
+    scored = _about_size(hypothesis, each, v, known) if hypothesis.about_size else None
+    large, size, sigma, axis = scored or _of_scale(each, v, known, hypothesis.prior / over)
     never = np.full_like(large, num.LOG_ZERO)
     if hypothesis.about_size:
         small = never
@@ -205,7 +203,9 @@ def _of_scale(
     return np.asarray(mixed), size, length, np.where(single, axis, -1)
 
 
-def _about_size(hypothesis: Hypothesis, b: Array, v: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
+def _about_size(
+    hypothesis: Hypothesis, b: Array, v: Array, known: tuple[Array, Array]
+) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
     """The same of sizes nearer to the one that columns are made about than to the next: as likely as all of these.
 
     With u = s + d the gain b u - ½ V u² is that of s and (b - V s) d - ½ V d².
@@ -215,7 +215,7 @@ def _about_size(hypothesis: Hypothesis, b: Array, v: Array) -> tuple[Array, Arra
     within = np.diff(_normal(np.array([low, high]) / hypothesis.prior)).item()
     rest = b - s * v[:, 0, :, None]
     near = np.full(len(v), (high - low) / math.sqrt(12.0))
-    log_bayes, d, sigma, axis = _of_scale(rest, v, np.linalg.eigh(v), near)
+    log_bayes, d, sigma, axis = _of_scale(rest, v, known, near)
     return log_bayes + s * b[:, 0] - 0.5 * s**2 * v[:, 0] + math.log(within), s + d, sigma, axis
 
 

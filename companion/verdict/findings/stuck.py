@@ -98,8 +98,8 @@ def stuck_findings(
     same = [one for one in imus if one.instance == track.instance and one.source != track.source]
     for axes in (one for one in _all_axes(track) if one.sensor.name in sensors):
         for first, last in _stopped(comparison, others, axes):
-            rounded = any(_only_rounded(axes, slice(first, last + 1), finer) for finer in same)
-            if not rounded and not stopped[first : last + 1].all():
+            stretch = slice(first, last + 1)
+            if not stopped[stretch].all() and not any(_only_rounded(axes, stretch, finer) for finer in same):
                 yield stuck_finding(axes.sensor, axes.axes, first, last)
 
 
